@@ -30,19 +30,13 @@ from pmsm_ctrl.regression.drive_timing import (
     possible_sampling,
     stated_timing,
 )
+from pmsm_ctrl.regression.edges import MAD, WRONG_TORQUE
 from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
 from pmsm_ctrl.regression.notices import LONG_LOG
-from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual
-from pmsm_ctrl.regression.weights import (
-    MAD,
-    WRONG_TORQUE,
-    Weighing,
-    on_grid,
-    quantisation_error,
-    voltage_weight,
-)
+from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual, time_in_gaps
+from pmsm_ctrl.regression.weights import Weighing, at_given_rate, on_grid, quantisation_error, voltage_weight
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit, drives
 
@@ -137,6 +131,8 @@ class Record:
         What was added to the angle of each record, and its standard error, rad; empty where one zero serves all.
     wrong : float
         Assumed model error as a share of the torque, by which edges and reversals were weighted.
+    edges : float
+        Error of the edges as a share of the one that a period of the log makes, by which they were weighted.
     left_out : tuple of (float, float)
         Stretches of time that take no part, because something happened there once, s.
     step : float
@@ -172,6 +168,7 @@ class Record:
     records: tuple[Span, ...] = ()
     shifts: tuple[tuple[float, float], ...] = ()
     wrong: float = WRONG_TORQUE
+    edges: float = 1.0
     left_out: tuple[tuple[float, float], ...] = ()
     step: float = 0.0
     lines: tuple[int, ...] = ()
@@ -319,7 +316,7 @@ class Record:
 
 def make_record(
     design: Design, log: Log, processing: Processing | None = None, age: float = 0.0, timing: DriveTiming | None = None,
-    wrong: float = WRONG_TORQUE,
+    wrong: float = WRONG_TORQUE, edges: float = 1.0,
 ) -> Record:  # fmt: skip
     """Prepare a log for the diagnosis.
 
@@ -338,6 +335,8 @@ def make_record(
         How the drive signal was sampled; it is undone. What the design states of the log when left out.
     wrong : float
         Share of the torque's scatter up to which errors at edges and reversals need no care.
+    edges : float
+        Error of the edges as a share of the one that a period of the log makes.
 
     Raises
     ------
@@ -347,28 +346,29 @@ def make_record(
     log.check_evaluable(FEWEST_SAMPLES)
     timing = stated_timing(drive_sampling(design, log), log.period) if timing is None else timing
     if processing is not None:
-        return _made(design, log, processing, age, timing, wrong)
+        return _made(design, log, processing, age, timing, wrong, edges)
     usual, short = Processing(standstill=STANDSTILL), None
     try:
-        record = _made(design, log, usual, age, timing, wrong)
+        record = _made(design, log, usual, age, timing, wrong, edges)
         if record.usable >= USABLE:
             return record
     except LogError as error:
         short = error
     try:
-        wide = _made(design, log, replace(usual, cutoff=signal_band(thinned(log))), age, timing, wrong)
+        wide = _made(design, log, replace(usual, cutoff=signal_band(thinned(log))), age, timing, wrong, edges)
     except LogError as error:
         raise short or error from None
     return wide if short is not None or wide.usable > record.usable else record
 
 
 def _made(
-    design: Design, log: Log, processing: Processing, age: float, timing: DriveTiming, wrong: float
+    design: Design, log: Log, processing: Processing, age: float, timing: DriveTiming, wrong: float, edges: float
 ) -> Record:  # fmt: skip
     sampling, early = possible_sampling(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
     resolution = angle_step(log)
-    log, given = timing.undone(thinned(in_time(design, ending_steadily(log), age))), log
+    whole, given = in_time(design, ending_steadily(log), age), log
+    log = timing.undone(thinned(whole))
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
@@ -407,16 +407,17 @@ def _made(
     voltages = [voltage_weight(design, prepared, signals, level, on_grid(log, prepared, name)) for name in channels[1:]]
     source = "torque" if "torque" in log else "i_q"
     read = replace(log, channels={name: log[name] for name in ("t", "theta", source) if name in log})
-    weighing = Weighing(read, prepared, signals, kink, moving, steps, tuple(voltages))
-    weight, mask = weighing.weights(wrong)
+    at_all = at_given_rate(whole, log, timing, prepared, source)
+    weighing = Weighing(read, at_all, prepared, signals, kink, moving, steps, tuple(voltages))
+    weight, mask = weighing.weights(wrong, edges)
     levels = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
     levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
         np.array(levels), kink[0], (*few, *_too_long(given, log), *prepared.notes),
         None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
-        sampling_stated=drive_sampling(design, log).stated, unseen=_in_gaps(log), records=log.records, wrong=wrong,
-        step=resolution, weighing=weighing,
+        sampling_stated=drive_sampling(design, log).stated, unseen=time_in_gaps(log), records=log.records, wrong=wrong,
+        edges=edges, step=resolution, weighing=weighing,
     )  # fmt: skip
 
 
@@ -425,12 +426,6 @@ def _too_long(given: Log, thin: Log) -> tuple[Notice, ...]:
     if thin.rate > 0.9 * min(FAST, given.rate):
         return ()
     return (LONG_LOG(samples=len(given), rate=thin.rate, given=given.rate, fastest=thin.rate / 8.0),)
-
-
-def _in_gaps(log: Log) -> float:
-    """Time without samples, s."""
-    step = np.diff(log.t)
-    return float(np.sum(step[step > 1.5 * log.period] - log.period))
 
 
 def _edges(prepared: Prepared) -> Mask:

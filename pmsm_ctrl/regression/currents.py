@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared
+from pmsm_ctrl.regression.edges import UPPER
 from pmsm_ctrl.regression.filters import low_pass
-from pmsm_ctrl.regression.weights import UPPER, on_grid, scatter
+from pmsm_ctrl.regression.weights import on_grid, scatter
 
 __all__ = ["intended_i_d", "with_noise"]
 

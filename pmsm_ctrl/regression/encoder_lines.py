@@ -56,7 +56,7 @@ def line_swings(record: Record, lines: int) -> tuple[Array, Array]:
     return sine, cosine
 
 
-def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float) -> dict[int, float]:
+def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float, sure: Array) -> dict[int, float]:
     """Return the lines that a log shows, and the amplitude of their error, rad.
 
     Parameters
@@ -68,6 +68,8 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float) ->
         Of the model that leaves it.
     sigma : float
         Noise of a sample of full weight, N m.
+    sure : array, shape (m,)
+        Weight of the samples beside that of the record.
 
     Returns
     -------
@@ -75,7 +77,7 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float) ->
     """
     if record.linear or record.age is not None:
         return {}  # no turn, or no angle
-    weight = (record.weight[0] * record.mask)[record.mask]
+    weight = (record.weight[0] * sure)[record.mask]
     known = np.linalg.qr(_scaled(matrix[record.mask] * weight[:, None]))[0]
     left = residual[record.mask] * weight / max(sigma, 1e-300)
     omega = np.abs(record.at_grid(record.signals["omega"])[record.mask])

@@ -35,6 +35,7 @@ def with_evaluation(design: Design, record: Record, log: Log) -> Design:
         filter=record.timing.lag,
         age=record.age or 0.0,
         weight=record.wrong,
+        edges=record.edges,
         encoder_lines=record.lines,
         left_out=record.left_out,
         changes=record.changes,
@@ -54,7 +55,9 @@ def record_as_evaluated(design: Design, log: Log) -> Record:
     if not known.log or known.log != log.fingerprint:
         return timed_record(design, log)
     processing = Processing(standstill=STANDSTILL, cutoff=known.cutoff)
-    record = make_record(design, log, processing, known.age, DriveTiming(known.late, known.filter), known.weight)
+    record = make_record(
+        design, log, processing, known.age, DriveTiming(known.late, known.filter), known.weight, known.edges
+    )
     record = without_stretches(record, known.left_out, known.changes)
     record = of_one_axis(design, record) if record.records else record
     return replace(record, lines=known.encoder_lines)

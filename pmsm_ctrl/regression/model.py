@@ -30,6 +30,7 @@ __all__ = [
     "LOAD_SCALE",
     "MOST_NOISE",
     "OWN",
+    "TURNING",
     "Model",
     "Solved",
     "base_groups",
@@ -43,7 +44,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 # How well the moments of reversal are known, all of them late or early alike: s, and samples of the log.
-TURN, TURN_SAMPLES = 1e-4, 0.05
+TURNING, TURN, TURN_SAMPLES = "tau_turn", 1e-4, 0.05
 # Age of a speed that the drive filtered before it was logged, s.
 AGE, FILTERED = "tau_speed", 3e-3
 # Share by which the torque constant is too large beside a known load, which another sensor measured.
@@ -311,7 +312,7 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
     yield _Term("J", lambda: {"torque": s["alpha"]}, design.J, tolerance * design.J)
     if record.dry > 0.0:
         yield _Term(
-            "tau_turn", lambda: {"torque": -record.dry * record.rate_of(s["direction"])}, 0.0,
+            TURNING, lambda: {"torque": -record.dry * record.rate_of(s["direction"])}, 0.0,
             TURN + TURN_SAMPLES * record.period, kept="turning",
         )  # fmt: skip
     for at in record.changes:

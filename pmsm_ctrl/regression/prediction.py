@@ -19,9 +19,9 @@ from pmsm_ctrl.regression.base_fit import (
     with_bristles,
 )
 from pmsm_ctrl.regression.bounds import holding
-from pmsm_ctrl.regression.drive_timing import LATENESS, DriveTiming
+from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, DriveTiming
 from pmsm_ctrl.regression.lateness import stopped
-from pmsm_ctrl.regression.model import AGE, Model
+from pmsm_ctrl.regression.model import AGE, TURNING, Model
 
 __all__ = ["Prediction", "errors", "physical_columns", "predict"]
 
@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 
 # The parameters that a design states without an effect.
 STATED = ("J", "R", "L_d", "L_q", "psi_f")
+# Times with a prior that says what is possible; the delay of the drive signal has bounds of its own.
+TIMES = (AGE, EMF, TURNING)
+SURE = 3.0  # standard deviations of the prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,12 +91,23 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
         # what no sampling can do is something that the design lacks, and belongs to the residual
         at[found.model.names.index(LATENESS)] = 0.0
     beside = holding(fit, at)
+    if _impossible(found.model, beside.values):
+        beside = holding(fit, {k: at.get(k, float(value)) for k, value in enumerate(fit.values)})
     if at_zero := _better_without(found.record, found.model, beside.predicted(), at):
         beside = holding(fit, at_zero)
     free = [k for k in range(len(found.model.names)) if k not in held]
     stderr = np.nan_to_num(beside.stderr)
     nuisances = {found.model.names[k]: (float(beside.values[k]), float(stderr[k])) for k in free}
     return Prediction(found.record, beside.predicted(), nuisances, found.notes)
+
+
+def _impossible(model: Model, values: Array) -> bool:
+    """Return whether a time that was fitted beside the design is beyond what is possible.
+
+    Beside parameters that are far off, a time takes their place: the one of the free fit is then the sampling's.
+    """
+    times = [k for k, name in enumerate(model.names) if name in TIMES]
+    return any(abs(values[k] - model.nominal[k]) > SURE * model.sigma[k] for k in times)
 
 
 def _better_without(record: Record, model: Model, predicted: Array, at: Mapping[int, float]) -> dict[int, float]:

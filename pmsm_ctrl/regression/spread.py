@@ -19,6 +19,7 @@ from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance
+from pmsm_ctrl.regression.edges import MAD
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
 from pmsm_ctrl.regression.records import (
     COUNTS,
@@ -30,7 +31,6 @@ from pmsm_ctrl.regression.records import (
     symbols_of,
     usual_spread,
 )
-from pmsm_ctrl.regression.weights import MAD
 
 __all__ = [
     "Levels",

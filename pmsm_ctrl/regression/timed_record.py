@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.errors import LogError
@@ -29,6 +30,8 @@ from pmsm_ctrl.regression.drive_timing import (
     possible_sampling,
     stated_timing,
 )
+from pmsm_ctrl.regression.edge_share import edge_share, has_edges
+from pmsm_ctrl.regression.edges import WRONG_TORQUE, steep
 from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.instruments import by_reference
 from pmsm_ctrl.regression.made import Made
@@ -36,9 +39,10 @@ from pmsm_ctrl.regression.model import AGE, FILTERED, FIXED, MOST_NOISE, noise_s
 from pmsm_ctrl.regression.notices import DRIVE_FILTERED, DRIVE_LATE, ENCODER_LINES, SHOWN_MS
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
-from pmsm_ctrl.regression.weights import WRONG_TORQUE
 
 __all__ = ["FRICTION", "of_one_axis", "sampling_of", "timed_record", "with_friction"]
+
+Array = NDArray[np.float64]
 
 FRICTION = {"coulomb": "F_c", "viscous": "F_v"}  # of every axis
 ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
@@ -97,11 +101,13 @@ def timed_record(design: Design, log: Log, made: Made | None = None, band: float
     timed, fit = _timed(design, made, band)
     record = timed if band else _widened(design, made, timed, fit)
     record, fit = _weighed(design, record, fit if record is timed else base_fit(design, record))
+    assert record.weighing is not None
+    sure = steep(record.weighing.edges(record.wrong))
     record = replace(record, weighing=None)  # it holds the log
     if record.records:
         record = of_one_axis(design, record)
         fit = base_fit(design, record)
-    return _with_filter_said(_with_lines(record, fit))
+    return _with_filter_said(_with_lines(record, fit, sure))
 
 
 def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
@@ -147,7 +153,7 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
         elif record.sampling_stated:
             break
         else:
-            timing = _filter(design, record, fit)
+            timing = _filter(design, *_plain(design, record, fit))  # edges tell it as well
             if timing == record.timing:
                 break
             record = made.record(design, same, 0.0, timing)
@@ -171,24 +177,41 @@ def of_one_axis(design: Design, record: Record) -> Record:
 
 
 def _weighed(design: Design, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
-    """Weigh edges and reversals by the noise floor, where the model fits better than the weights assumed.
+    """Weigh edges by how far they are off in this log, and reversals by the noise floor, where the model reaches it.
 
     The error of the moment of a reversal is small beside a usual noise level, and large beside a low one.
     """
-    wrong = max(_noise(fit), CLOSEST)
-    if wrong > CLOSER * WRONG_TORQUE:
+    share = edge_share(*_plain(design, record, fit)) if has_edges(record) else 1.0
+    close = max(_noise(fit), CLOSEST)
+    wrong = close if close <= CLOSER * WRONG_TORQUE else record.wrong
+    if share == record.edges and wrong == record.wrong:
         return record, fit
-    assert record.weighing is not None
-    weight, mask = record.weighing.weights(wrong)
-    kept = {key: value for key, value in record.kept.items() if key[0] in ALWAYS}
-    again = replace(record, weight=weight, mask=mask, wrong=wrong, memo={}, kept=kept)
+    again = _reweighed(record, wrong, share)
     return again, base_fit(design, again)
 
 
-def _with_lines(record: Record, fit: Estimated) -> Record:
-    """Return the record with the errors of the encoder's lines that it shows, which every fit then holds."""
+def _plain(design: Design, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
+    """Return the record and its fit with edges that count like everything else."""
+    if not has_edges(record):
+        return record, fit
+    plain = _reweighed(record, record.wrong, 0.0)
+    return plain, base_fit(design, plain)
+
+
+def _reweighed(record: Record, wrong: float, share: float) -> Record:
+    assert record.weighing is not None
+    weight, mask = record.weighing.weights(wrong, share)
+    kept = {key: value for key, value in record.kept.items() if key[0] in ALWAYS}
+    return replace(record, weight=weight, mask=mask, wrong=wrong, edges=share, memo={}, kept=kept)
+
+
+def _with_lines(record: Record, fit: Estimated, sure: Array) -> Record:
+    """Return the record with the errors of the encoder's lines that it shows, which every fit then holds.
+
+    They show everywhere. Where an edge may be late, as that of dry friction in a reversal, they are not looked for.
+    """
     left = record.target[0] - fit.inside.predicted()[0]
-    found = shown_lines(record, left, fit.model.matrix[0], float(fit.weights.sigma[0]))
+    found = shown_lines(record, left, fit.model.matrix[0], float(fit.weights.sigma[0]), sure)
     if not found:
         return record
     said = (ENCODER_LINES(lines=lines, amplitude=amplitude) for lines, amplitude in found.items())

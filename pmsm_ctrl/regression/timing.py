@@ -22,6 +22,7 @@ __all__ = [
     "ending_steadily",
     "own_time",
     "punctual",
+    "time_in_gaps",
     "uniform",
     "unwrapped",
 ]
@@ -245,6 +246,17 @@ def _outside(t: Array, spans: Sequence[tuple[float, float]]) -> Mask:
     for first, last in spans:
         good[slice(*np.searchsorted(t, (first, last)))] = False
     return good
+
+
+def time_in_gaps(log: Log) -> float:
+    """Return the time without samples, s.
+
+    Parameters
+    ----------
+    log : Log
+    """
+    step = np.diff(log.t)
+    return float(np.sum(step[step > 1.5 * log.period] - log.period))
 
 
 def ending_steadily(log: Log) -> Log:

@@ -9,7 +9,8 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.conditioning import Prepared, prepare
-from pmsm_ctrl.regression.weights import EDGE_PERIODS, edge_weight, reversal_weight, torque_noise
+from pmsm_ctrl.regression.edges import edge_error, steep
+from pmsm_ctrl.regression.weights import reversal_weight, torque_noise
 from pmsm_ctrl.simulate import scenario, simulate
 
 
@@ -30,7 +31,7 @@ def test_an_edge_takes_the_weight_of_the_samples_that_it_rings_into(prepared: Pr
     raw = np.sin(t) + 0.01 * np.random.default_rng(1).standard_normal(t.size)
     middle = 0.5 * (t[0] + t[-1])
     raw[t > middle] += height
-    weight = edge_weight(raw, prepared, EDGE_PERIODS)
+    weight = steep(edge_error(raw, prepared))
     away = np.abs(t[prepared.keep] - middle)
     assert weight[away < 1.0 / prepared.cutoff].max() < (0.2 if height < 1.0 else 0.001)
     assert weight[away > 20.0 / prepared.cutoff].min() > 0.99
@@ -40,15 +41,27 @@ def test_an_edge_at_the_very_end_is_a_step_to_the_filter(prepared: Prepared) -> 
     t = prepared.t
     raw = np.sin(t) + 0.01 * np.random.default_rng(3).standard_normal(t.size)
     raw[-1] += 2.0  # mirrored, what comes after it is higher by 4
-    weight = edge_weight(raw, prepared, EDGE_PERIODS)
+    weight = steep(edge_error(raw, prepared))
     left = (t[-1] - t[prepared.keep]) * prepared.cutoff
     assert weight[left < 2.0].max() < 0.01
     assert weight[left > 20.0].min() > 0.99
 
 
+def test_an_edge_of_a_fast_log_is_late_by_a_part_of_the_grid_alone(prepared: Prepared) -> None:
+    """A log of eight times the rate places an edge eight times as well, beside a noise of the same density."""
+    t, middle = prepared.t, 0.5 * (prepared.t[0] + prepared.t[-1])
+    weights = []
+    for times in (1, 8):
+        fine = t[0] + np.arange(times * len(t)) / (times * prepared.rate)
+        raw = np.sin(fine) + 0.01 * np.sqrt(times) * np.random.default_rng(1).standard_normal(len(fine))
+        raw[fine > middle] += 0.5
+        weights.append(steep(edge_error(raw, prepared)).min())
+    assert weights[0] < 0.2 < 0.9 < weights[1]
+
+
 def test_a_smooth_signal_keeps_its_weight(prepared: Prepared) -> None:
     raw = np.sin(prepared.t) + 0.01 * np.random.default_rng(2).standard_normal(prepared.t.size)
-    assert edge_weight(raw, prepared, EDGE_PERIODS).min() > 0.95
+    assert steep(edge_error(raw, prepared)).min() > 0.95
 
 
 def test_a_reversal_counts_the_less_the_more_friction_turns_there(log: Log, prepared: Prepared) -> None:
