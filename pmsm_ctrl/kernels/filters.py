@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 
 LANES = 16  # columns side by side: two cache lines
 AT_ONCE = 1024  # samples that stay in the cache while every lag is added
-BLOCKS = 256  # of samples, whose sums stay in the cache
 FEW = 3  # columns; fewer are filtered one by one, with the filter's state in registers
 VECTOR, TILE = 8, 64  # columns of a whole vector register; samples that are transposed in the cache
 
@@ -157,31 +156,42 @@ def _turned(state: Array, turns: Array, k: int, re: float, im: float) -> None:
 
 
 @kernel
+def _settle_and_pass(values: Array, first: int, last: int, turns: Array, weights: Array, state: Array) -> None:
+    """Let the modes take up samples one by one, from the first to before the last, forward or backward in time."""
+    by = 1 if last > first else -1
+    for i in range(first, last, by):
+        x = _mirrored(values, i)
+        for k in range(turns.size // 2):
+            _turned(state, turns, k, weights[2 * k] * x, weights[2 * k + 1] * x)
+
+
+@kernel
 def thinned_zero_phase(
-    values: Array, pad: int, step: int, poles: Array, leaps: Array, settled: Array, sums: Array, causal: Array,
-    anticausal: Array, ahead: Array, last: Array, own: float, shared: Array, out: Array,
+    values: Array, pad: int, step: int, poles: Array, leaps: Array, settled: Array, sums: Array, between: Array,
+    ahead: Array, last: Array, own: float, shared: Array, out: Array,
 ) -> None:  # fmt: skip
     """Filter forward and backward, and work out nothing but every `step`-th sample; both ends as in `zero_phase`.
 
-    What both passes do together is a sum of modes that decay forward in time and of such that decay backward. From one
-    sample that is kept to the next every mode decays once, and a weighted sum of the samples between is added to it. A
-    mode is two numbers, real and imaginary part; there are L of them.
+    What both passes do together is a sum of modes that decay forward in time and of such that decay backward. Blocks
+    hold B of the samples that are kept. Over a block every mode decays once, and a weighted sum of its samples is added
+    to it; what the samples of a block do to each other is another one. A mode is two numbers, real and imaginary part;
+    there are L of them.
 
     Parameters
     ----------
     values : array, shape (n,)
     pad : int
-        Samples by which both ends are continued, at least `step` and below n.
+        Samples by which both ends are continued, at least as many as a block has, and below n.
     step : int
     poles, leaps : array, shape (L,)
-        Decay of the modes within a sample, and within `step` of them.
+        Decay of the modes within a sample, and within a block.
     settled : array, shape (L,)
         The modes of one pass after a constant one.
-    sums : array, shape (step, 2 L + 1)
-        What a block of samples adds to the modes that decay forward, to those that decay backward, and to the first
-        sample's own value.
-    causal, anticausal : array, shape (L,)
-        The modes of either kind, before a block and after it, in the first sample's value.
+    sums : array, shape (B step, 2 L + B)
+        What a block of samples adds to the modes that decay forward, to those that decay backward, and to the values of
+        the block that are kept.
+    between : array, shape (2 L, B)
+        The modes that decay forward, before a block, and those that decay backward, after it, in these values.
     ahead : array, shape (L,)
         What one sample adds to the modes that decay backward.
     last : array, shape (L,)
@@ -194,61 +204,45 @@ def thinned_zero_phase(
         Filled.
     """
     n, count, size = values.size, out.size, poles.size
-    modes = size // 2
-    later = np.empty((count, size))
-    total = np.empty((BLOCKS, 2 * size + 1))
-    block = np.empty((1, step))
-    state, behind = np.empty(size), np.empty(size)
-    for k in range(size):
-        state[k] = settled[k] * _mirrored(values, -pad)
-    for i in range(-pad, 0):
-        x = _mirrored(values, i)
-        for k in range(modes):
-            _turned(state, poles, k, x, 0.0)
-    for begin in range(0, count, BLOCKS):
-        stop = min(begin + BLOCKS, count)
-        whole = min(stop, n // step)
-        if whole > begin:
-            inside = values[begin * step : whole * step].reshape(whole - begin, step)
-            np.dot(inside, sums, total[: whole - begin])
-        if whole < stop:  # the last block reaches beyond the end
-            for i in range(step):
-                block[0, i] = _mirrored(values, whole * step + i)
-            np.dot(block, sums, total[whole - begin : stop - begin])
-        for b in range(begin, stop):
-            row = total[b - begin]
-            y = row[2 * size]
-            for k in range(size):
-                y += causal[k] * state[k]
-                later[b, k] = row[size + k]
-            for k in range(modes):
-                _turned(state, leaps, k, row[2 * k], row[2 * k + 1])
-            out[b] = y
+    leap, kept = sums.shape[0], sums.shape[1] - 2 * size
+    blocks = (count + kept - 1) // kept
+    whole = min(n // leap, blocks)
+    total, around = np.empty((blocks, sums.shape[1])), np.empty((blocks, 2 * size))
+    np.dot(values[: whole * leap].reshape(whole, leap), sums, total[:whole])
+    block = np.empty((1, leap))
+    for b in range(whole, blocks):  # it reaches beyond the end
+        for i in range(leap):
+            block[0, i] = _mirrored(values, b * leap + i)
+        np.dot(block, sums, total[b : b + 1])
+    one = np.zeros(size)
+    one[::2] = 1.0
+    state, behind = settled * _mirrored(values, -pad), np.empty(size)
+    _settle_and_pass(values, -pad, 0, poles, one, state)
+    for b in range(blocks):
+        for k in range(size):
+            around[b, k] = state[k]
+        for k in range(size // 2):
+            _turned(state, leaps, k, total[b, 2 * k], total[b, 2 * k + 1])
     end = n + pad - 1
-    for i in range(count * step, end):
-        x = _mirrored(values, i)
-        for k in range(modes):
-            _turned(state, poles, k, x, 0.0)
-    x = _mirrored(values, end)
-    passed = own * x
+    _settle_and_pass(values, blocks * leap, end, poles, one, state)
+    passed = own * _mirrored(values, end)
     for k in range(size):
         passed += last[k] * state[k]
-    for k in range(modes):
-        _turned(state, poles, k, x, 0.0)
+    _settle_and_pass(values, end, end + 1, poles, one, state)
     for k in range(size):  # the backward pass starts settled at the last output of the forward one
         behind[k] = settled[k] * passed
         for j in range(size):
             behind[k] -= shared[k, j] * state[j]
-    for i in range(end, count * step - 1, -1):
-        x = _mirrored(values, i)
-        for k in range(modes):
-            _turned(behind, poles, k, ahead[2 * k] * x, ahead[2 * k + 1] * x)
-    for b in range(count - 1, -1, -1):
-        row = later[b]
+    _settle_and_pass(values, end, blocks * leap - 1, poles, ahead, behind)
+    for b in range(blocks - 1, -1, -1):
         for k in range(size):
-            out[b] += anticausal[k] * behind[k]
-        for k in range(modes):
-            _turned(behind, leaps, k, row[2 * k], row[2 * k + 1])
+            around[b, size + k] = behind[k]
+        for k in range(size // 2):
+            _turned(behind, leaps, k, total[b, size + 2 * k], total[b, size + 2 * k + 1])
+    passing = np.dot(around, between)
+    for b in range(blocks):
+        for j in range(min(kept, count - b * kept)):
+            out[b * kept + j] = total[b, 2 * size + j] + passing[b, j]
 
 
 @uncontracted

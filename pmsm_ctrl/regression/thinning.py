@@ -16,6 +16,8 @@ __all__ = ["thinned"]
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+AT_ONCE = 8  # samples that are kept of a block, at most: more are more products, fewer more steps of the modes
+
 
 @dataclass(frozen=True, eq=False)
 class _Modes:
@@ -25,8 +27,7 @@ class _Modes:
     leaps: Array
     settled: Array
     sums: Array
-    causal: Array
-    anticausal: Array
+    between: Array
     ahead: Array
     last: Array
     own: float
@@ -59,23 +60,23 @@ def thinned(signals: Sequence[Array] | Array, rate: float, cutoff: float, step: 
         for values, row in zip(signals, out, strict=True):
             row[:] = low_pass(values, rate, cutoff, steep=True, step=step)
         return out
-    m = _modes(rate, cutoff, step)
+    m = _modes(rate, cutoff, step, min(AT_ONCE, pad // step))
     for values, row in zip(signals, out, strict=True):
         # a writeable array, as the channels of a log are not: numba compiles the filter for each kind
         thinned_zero_phase(
-            np.require(values, np.float64, ["C", "W"]), pad, step, m.poles, m.leaps, m.settled, m.sums, m.causal,
-            m.anticausal, m.ahead, m.last, m.own, m.shared, row,
+            np.require(values, np.float64, ["C", "W"]), pad, step, m.poles, m.leaps, m.settled, m.sums, m.between,
+            m.ahead, m.last, m.own, m.shared, row,
         )  # fmt: skip
     return out
 
 
 @lru_cache(maxsize=16)
-def _modes(rate: float, cutoff: float, step: int) -> _Modes:
-    """Expand the two passes in partial fractions.
+def _modes(rate: float, cutoff: float, step: int, kept: int) -> _Modes:
+    """Expand the two passes in partial fractions, for blocks that hold so many of the samples that are kept.
 
     One pass has the states ``s[n + 1] = p s[n] + x[n]`` and the output ``w[n] = c s[n] + d x[n]``. The states of the
     backward pass are ``r[n] = q[n] + P s[n + 1]``, where q hangs on later samples alone: ``P = p P p + c`` and
-    ``q[n - 1] = p q[n] + (p P + d) x[n]``.
+    ``q[n - 1] = p q[n] + (p P + d) x[n]``. Both passes together answer a single sample alike before and after it.
     """
     from scipy.signal import cheby1
 
@@ -86,16 +87,18 @@ def _modes(rate: float, cutoff: float, step: int) -> _Modes:
     causal = (c @ shared) * p + d * c
     above = np.flatnonzero(p.imag > 0.0)  # of each pair one
     below = np.array([int(np.argmin(np.abs(p - p[k].conj()))) for k in above])
-    q, early = p[above], np.arange(step)[:, None]
-    now = 2.0 * np.real(q ** np.maximum(early - 1, 0) @ (c * ahead)[above])
-    now[0] = float(np.real(c @ shared.sum(axis=1))) + d * d
-    sums = np.hstack([_parts(q ** (step - 1 - early)), _parts(q**early * ahead[above]), now[:, None]])
+    leap, at = kept * step, step * np.arange(kept)
+    q, early = p[above], np.arange(leap)[:, None]
+    answer = 2.0 * np.real(q ** np.maximum(early - 1, 0) @ (c * ahead)[above])
+    answer[0] = float(np.real(c @ shared.sum(axis=1))) + d * d
+    sums = np.hstack([_parts(q ** (leap - 1 - early)), _parts(q**early * ahead[above]), answer[np.abs(early - at)]])
+    before, after = causal[above] * q ** at[:, None], c[above] * q ** (leap - 1 - at[:, None])
     # of a pair's states a + jb and a - jb the sum of both is a real one, and so is what either adds to it
     one, other = shared[np.ix_(above, above)], shared[np.ix_(above, below)]
     mixed = np.stack([_parts((one + other).T), _parts(1j * (one - other).T)], axis=1).reshape(2 * len(q), -1).T
     return _Modes(
-        _parts(q), _parts(q**step), _parts(1.0 / (1.0 - q)), np.ascontiguousarray(sums), _in_value(causal[above]),
-        _in_value(c[above] * q ** (step - 1)), _parts(ahead[above]), _in_value(c[above]), float(d),
+        _parts(q), _parts(q**leap), _parts(1.0 / (1.0 - q)), np.ascontiguousarray(sums),
+        np.vstack([_in_value(before).T, _in_value(after).T]), _parts(ahead[above]), _in_value(c[above]), float(d),
         np.ascontiguousarray(mixed),
     )  # fmt: skip
 
