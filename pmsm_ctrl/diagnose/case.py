@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.contributions import Contributions
 from pmsm_ctrl.diagnose.event import Event
-from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design, ranked
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_beside, fit_design, ranked
 from pmsm_ctrl.diagnose.held_out import held_out
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.search import Trial
@@ -90,16 +90,24 @@ class Case:
         """The design as it was given."""
         return self.design if self.given is None else self.given
 
-    def fit(self, accepted: tuple[Accepted, ...], explore: bool = True) -> Fitted:
+    def fit(self, accepted: tuple[Accepted, ...]) -> Fitted:
         """Return the design with these effects fitted, and every candidate tried on the residual.
 
         Parameters
         ----------
         accepted : tuple of Accepted
-        explore : bool
-            Whether the candidates are tried, which changes nothing else.
         """
-        return self._known(accepted) or fit_design(self.design, self.record, accepted, self.effects, explore)
+        return self._known(accepted) or fit_design(self.design, self.record, accepted, self.effects)
+
+    def fit_beside(self, accepted: tuple[Accepted, ...], other: Fitted) -> Fitted:
+        """Return the design with these effects fitted, by the noise of a fit that has fewer; no candidate is tried.
+
+        Parameters
+        ----------
+        accepted : tuple of Accepted
+        other : Fitted
+        """
+        return self._known(accepted) or fit_beside(self.design, self.record, accepted, other)
 
     def _known(self, accepted: tuple[Accepted, ...]) -> Fitted | None:
         asked = [(one.effect.id, one.shape) for one in accepted]

@@ -42,9 +42,9 @@ from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects, seen_as_candidate
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
-from pmsm_ctrl.regression.spread import with_mean
+from pmsm_ctrl.regression.spread import with_mean, with_spread
 
-__all__ = ["BASE", "Accepted", "Elsewhere", "Fitted", "fit_design", "predicted_elsewhere", "ranked"]
+__all__ = ["BASE", "Accepted", "Elsewhere", "Fitted", "fit_beside", "fit_design", "predicted_elsewhere", "ranked"]
 
 Array = NDArray[np.float64]
 
@@ -197,6 +197,32 @@ def fit_design(
     return Fitted(
         fit.record, fit.model, fit.whitener, fit.solved, fit.plain, fit.estimate, fit.weights, tuple(trials),
         closed, found.notes, accepted,
+    )  # fmt: skip
+
+
+def fit_beside(design: Design, record: Record, accepted: tuple[Accepted, ...], other: Fitted) -> Fitted:
+    """Fit the design with the accepted effects by the noise of another fit, no candidate tried.
+
+    The noise is what a model with all candidates leaves. Where the effects that are new were candidates of the other
+    fit, both such models are nearly the same, and none of their hundreds of columns has to be laid out again.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    accepted : tuple of Accepted
+    other : Fitted
+        Of the same record.
+    """
+    found = settled_model(design, record, accepted)
+    used, whitener, weights = found.record, other.whitener, other.weights
+    model = with_spread(used, found.model, whitener)
+    fit = Estimated(
+        used, model, whitener, weights, solve_model(used, model, whitener), solve_model(used, model, weights)
+    )
+    _forget(record, used)
+    return Fitted(
+        used, model, whitener, fit.solved, fit.plain, fit.estimate, weights, (), (), found.notes, accepted
     )  # fmt: skip
 
 

@@ -247,7 +247,7 @@ def with_sampling_told(case: Case, selection: Selection) -> Selection:
     for trial in fit.trials:
         refusal = refused.get(name_of(trial))
         if trial.candidate.effect.structure.delays and refusal is not None and refusal.reason in BEFORE_REFIT:
-            after = case.fit(_with(case, fit, trial), explore=False)
+            after = case.fit_beside(_with(case, fit, trial), fit)
             refused[name_of(trial)] = _judge_sampling(after, case.policy) or refusal
     return replace(selection, refused=refused)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,16 +14,18 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import selection as rounds
 from pmsm_ctrl.diagnose.case import Case
-from pmsm_ctrl.diagnose.diagnosis import searched
+from pmsm_ctrl.diagnose.diagnosis import condition, searched
+from pmsm_ctrl.diagnose.fit import Accepted
 from pmsm_ctrl.diagnose.look_alikes import equivalents
 from pmsm_ctrl.diagnose.measures import has_own_order
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
-from pmsm_ctrl.diagnose.selection import Found, Selection, best, with_sampling_told
+from pmsm_ctrl.diagnose.selection import Found, Selection, best, name_of, with_sampling_told
 from pmsm_ctrl.diagnose.swap import Rest, better, equals, rival_ids
 from pmsm_ctrl.diagnose.unexplained import impossible_winding
-from pmsm_ctrl.effects.catalogue import catalogue_of
+from pmsm_ctrl.effects.catalogue import CATALOGUE, catalogue_of
 from pmsm_ctrl.result import Verdict
+from pmsm_ctrl.simulate import simulate
 
 algorithm = sys.modules["pmsm_ctrl.diagnose.diagnosis"]
 
@@ -63,8 +66,11 @@ class FakeCase:
 
     policy, minor_too, surely = POLICY, False, False
 
-    def fit(self, ids: tuple[str, ...], explore: bool = True) -> Any:
+    def fit(self, ids: tuple[str, ...]) -> Any:
         return SimpleNamespace(accepted=ids, trials=())
+
+    def fit_beside(self, ids: tuple[str, ...], other: Any) -> Any:
+        return self.fit(ids)
 
 
 @pytest.fixture
@@ -175,6 +181,23 @@ def test_sampling_comes_before_any_other_reason_against_a_significant_delay(
     told = with_sampling_told(FakeCase(), before)  # type: ignore[arg-type]
     assert told.refused["a"].reason is (Reason.WITHIN_SAMPLING if asked and within and delays else reason)
     assert told.refused["b"].reason is Reason.MINOR
+
+
+def test_a_delay_fitted_by_the_noise_of_another_fit_is_that_fitted_by_its_own(designs: Path) -> None:
+    """The model of all candidates, whose residual is the noise, has the delay among them or in its base."""
+    design = Design.read(designs / "hand_tuned.toml")
+    offered = {name: CATALOGUE[name] for name in ("stribeck", "cogging", "delay")}
+    case = condition(design, (simulate(design, "identification", seed=3),), (), offered, POLICY)
+    fit = case.fit(())
+    delay = (Accepted(CATALOGUE["delay"], next(t for t in fit.trials if name_of(t) == "delay").group.shape),)
+    beside, whole = case.fit_beside(delay, fit), case.fit(delay)
+    assert not beside.trials
+    assert beside.model.names == whole.model.names
+    own = list(range(len(whole.model.names)))[whole.model.columns_of(whole.position(0) or 0)]
+    for k in own:
+        error = float(whole.plain.stderr[k])
+        assert abs(float(beside.estimate.values[k] - whole.estimate.values[k])) < 0.1 * error
+        assert beside.plain.stderr[k] == pytest.approx(error, rel=0.1)
 
 
 @pytest.mark.parametrize("reason", [Reason.MINOR, Reason.NOT_CONFIRMED])
