@@ -160,7 +160,8 @@ def settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...]
         if found.record.kept is not record.kept:  # a bristle turns the friction: its columns are others
             return found
         # no circle of references
-        record.kept[key] = replace(found, record=replace(found.record, kept={}), rough=found.rough.bare())
+        used = replace(found.record, kept={}, weighing=None)
+        record.kept[key] = replace(found, record=used, rough=found.rough.bare())
     remembered: Settled = record.kept[key]
     return replace(remembered, record=replace(remembered.record, kept=record.kept))
 

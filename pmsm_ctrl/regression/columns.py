@@ -109,8 +109,8 @@ def _memo(record: Record, effect: Effect, key: tuple[object, ...]) -> Memo:
     if key in record.kept:
         return record.kept
     modelled = not MODELLED.isdisjoint(effect.structure.reads(effect))
-    columns = 2 * record.target[0].nbytes  # two, in the torque balance alone: most are such
-    return record.memo if modelled or len(record.kept) * columns > MOST_KEPT else record.kept
+    column = record.target[0].nbytes  # one, in the torque balance alone: most are such
+    return record.memo if modelled or len(record.kept) * column > MOST_KEPT else record.kept
 
 
 def forget_effects(record: Record) -> None:

@@ -7,7 +7,8 @@ column is linear in the inertia: with ``f = F_load / J_load`` the torque of the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,37 @@ def bristle_column(balances: Balances, shape: Mapping[str, float]) -> Array:
     return np.asarray(float(np.std(s["torque"])) * (bent / reach - s["direction"]))
 
 
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Loads that rub, as columns beside a rigid axis; they follow from the motion alone.
+
+    Attributes
+    ----------
+    springs : array, shape (k, 3)
+        Frequency, damping and deceleration.
+    columns : array, shape (k, m)
+        Weighted.
+    basis : array, shape (m, 4)
+        Orthonormal, of the rigid axis, weighted.
+    shared : array, shape (k, 4)
+        Products of the columns with the basis.
+    size : array, shape (k,)
+        Squares of what the columns have beside the basis.
+    """
+
+    springs: Array
+    columns: NDArray[np.float32]
+    basis: Array
+    shared: Array
+    size: Array
+
+    def gains(self, residual: Array) -> Array:
+        """Return by how much each load lowers the sum of squares of a weighted residual, shape (k,)."""
+        products = [self.columns[some] @ residual for some in _parts(len(self.springs))]
+        along = np.concatenate(products) - self.shared @ (self.basis.T @ residual)
+        return np.asarray(np.where(along > 0.0, along**2 / np.maximum(self.size, 1e-300), 0.0))
+
+
 def rubbing_shapes(log: LogView, lowest: float) -> tuple[list[dict[str, float]], int]:
     """Return the loads that rub and lower the torque's sum of squares most, and how many were looked at.
 
@@ -76,27 +108,37 @@ def rubbing_shapes(log: LogView, lowest: float) -> tuple[list[dict[str, float]],
     balances = log.balances
     if lowest >= 2.0 * np.pi * balances.cutoff:
         return [], 0
-    s, weight = balances.signals, balances.weight[0] * balances.mask
+    weight = balances.weight[0] * balances.mask
+    if SEEN not in balances.kept:
+        made = _table(balances, weight, lowest)
+        if made is None:
+            return [], 0
+        balances.kept[SEEN] = made
+    table: _Table = balances.kept[SEEN]
+    best = table.springs[_peaks(table.gains(weight * log.residual).reshape(FREQUENCIES, len(RATIOS)))]
+    return [dict(zip(NAMES, spring, strict=True)) for spring in best.tolist()], len(table.springs)
+
+
+def _table(balances: Balances, weight: Array, lowest: float) -> _Table | None:
+    """Return the loads that are searched; None where the axis has no dry friction."""
+    s = balances.signals
     plain = np.stack([balances.shaped(s[name]) for name in ("alpha", "direction", "omega", "torque")])
     rigid = weight * np.vstack([plain[:3], np.ones_like(plain[:1])])
-    if SEEN not in balances.kept:
-        inertia, dry = np.linalg.lstsq(rigid.T, weight * plain[3], rcond=None)[0][:2].tolist()
-        if inertia <= 0.0 or dry <= 0.0:
-            return [], 0
-        springs = np.array([
-            (w, DAMPED, f)
-            for w in np.geomspace(lowest, 2.0 * np.pi * balances.cutoff, FREQUENCIES).tolist()
-            for f in (dry / inertia * RATIOS).tolist()
-        ])  # fmt: skip
-        balances.kept[SEEN] = springs, _spring_torques(balances, springs)
-    springs, torques = balances.kept[SEEN]
-    basis, residual = np.linalg.qr(rigid.T)[0], weight * log.residual
-    gains = np.concatenate([  # a few at a time: of a long log they are large
-        _gains(weight * (torques[some] - plain[0] - springs[some, 2:] * plain[1]), basis, residual)
-        for some in (slice(start, start + AT_ONCE) for start in range(0, len(springs), AT_ONCE))
+    inertia, dry = np.linalg.lstsq(rigid.T, weight * plain[3], rcond=None)[0][:2].tolist()
+    if inertia <= 0.0 or dry <= 0.0:
+        return None
+    springs = np.array([
+        (w, DAMPED, f)
+        for w in np.geomspace(lowest, 2.0 * np.pi * balances.cutoff, FREQUENCIES).tolist()
+        for f in (dry / inertia * RATIOS).tolist()
     ])  # fmt: skip
-    best = springs[_peaks(gains.reshape(FREQUENCIES, len(RATIOS)))]
-    return [dict(zip(NAMES, spring, strict=True)) for spring in best.tolist()], len(springs)
+    basis, columns = np.linalg.qr(rigid.T)[0], _spring_torques(balances, springs)
+    shared, size = np.zeros((len(springs), len(rigid))), np.zeros(len(springs))
+    for some in _parts(len(springs)):
+        own = weight * (columns[some] - plain[0] - springs[some, 2:] * plain[1])
+        columns[some], shared[some] = own, own @ basis
+        size[some] = np.sum((own - shared[some] @ basis.T) ** 2, axis=1)
+    return _Table(springs, columns, basis, shared, size)
 
 
 def _spring_torques(balances: Balances, springs: Array) -> NDArray[np.float32]:
@@ -111,11 +153,9 @@ def _spring_torques(balances: Balances, springs: Array) -> NDArray[np.float32]:
     return np.stack(out)
 
 
-def _gains(columns: Array, basis: Array, residual: Array) -> Array:
-    """Return by how much each column, shape (k, m), lowers the sum of squares beside those of a basis, shape (k,)."""
-    own = columns - (columns @ basis) @ basis.T
-    along, size = own @ residual, np.sum(own**2, axis=1)
-    return np.asarray(np.where(along > 0.0, along**2 / np.maximum(size, 1e-300), 0.0))
+def _parts(count: int) -> Iterator[slice]:
+    """Yield slices of so many loads, a few at a time: of a long log they are large."""
+    return (slice(start, start + AT_ONCE) for start in range(0, count, AT_ONCE))
 
 
 def _peaks(table: Array) -> NDArray[np.intp]:

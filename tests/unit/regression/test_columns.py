@@ -42,8 +42,7 @@ def test_a_kind_of_columns_that_was_forgotten_is_made_again(record: Record, monk
     """A log of ten minutes fills what is kept between the two kinds of a spring's columns: a diagnosis ended there."""
     effect, fresh = CATALOGUE["compliance"], replace(record, memo={}, kept={})
     shape = effect.structure.shape(effect, effect.example)
-    columns = 2 * record.target[0].nbytes
-    monkeypatch.setattr("pmsm_ctrl.regression.columns.MOST_KEPT", 0.5 * columns)
+    monkeypatch.setattr("pmsm_ctrl.regression.columns.MOST_KEPT", 0.5 * record.target[0].nbytes)
     candidate_groups(fresh, effect, [shape])
     (again,) = candidate_groups(replace(fresh, memo={}), effect, [shape])
     (alone,) = candidate_groups(replace(record, memo={}, kept={}), effect, [shape])
