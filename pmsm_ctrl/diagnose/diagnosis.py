@@ -247,7 +247,8 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
     selection = replace(selection, fits=(*selection.fits[:-1], last))
     del last
     structure = None
-    if explains_most(selection.fit, case.policy):
+    # each fit has weights of its own: an effect never makes a model explain less
+    if any(explains_most(fit, case.policy) for fit in (selection.fit, selection.fits[0])):
         structure = unexplained(selection, case.policy)
     else:  # what most of the torque is, no name can tell
         selection = Selection((case.fit(()),), (), selection.refused)

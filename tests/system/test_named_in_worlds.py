@@ -35,6 +35,14 @@ def test_a_saturation_shows_at_the_edges_of_speed_steps() -> None:
 
 
 @pytest.mark.slow
+def test_a_name_is_kept_where_the_model_without_it_explains_half_of_the_torque() -> None:
+    """The fit with the unbalance explained 48 % by its own weights: the name was dropped, and the log consistent."""
+    world = draw(1040139)  # margin 5.8; 9 to 12 bits, 68 % of the torque is noise
+    log = simulate_world(world, {"wave": 0.4601365, "wave_order": 1.0, "wave_phase": 2.445176})
+    assert [step.effect for step in diagnose(world.design, log, plan=False).steps] == ["unbalance"]
+
+
+@pytest.mark.slow
 def test_a_weak_saturation_is_named() -> None:
     world = draw(770016)  # margin 3.6; it was a minor part of what followed reversals by substeps left
     (step,) = diagnose(world.design, simulate_world(world, {"saturation": 0.01271}), plan=False).steps
