@@ -34,7 +34,7 @@ from pmsm_ctrl.regression.edges import MAD, WRONG_TORQUE
 from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
-from pmsm_ctrl.regression.notices import LONG_LOG
+from pmsm_ctrl.regression.notices import LONG_LOG, TORQUE_JUMPS
 from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual, time_in_gaps
 from pmsm_ctrl.regression.weights import Weighing, at_given_rate, on_grid, quantisation_error, voltage_weight
 from pmsm_ctrl.section import Notice
@@ -410,11 +410,12 @@ def _made(
     at_all = at_given_rate(whole, log, timing, prepared, source)
     weighing = Weighing(read, at_all, prepared, signals, kink, moving, steps, tuple(voltages))
     weight, mask = weighing.weights(wrong, edges)
+    notes = (note for note in prepared.notes if note.code != TORQUE_JUMPS.code)  # edges are weighed here, not left out
     levels = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
     levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
-        np.array(levels), kink[0], (*few, *_too_long(given, log), *prepared.notes),
+        np.array(levels), kink[0], (*few, *_too_long(given, log), *notes),
         None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
         sampling_stated=drive_sampling(design, log).stated, unseen=time_in_gaps(log), records=log.records, wrong=wrong,
         edges=edges, step=resolution, weighing=weighing,

@@ -21,7 +21,7 @@ from pmsm_ctrl.regression.base_fit import Estimated
 from pmsm_ctrl.regression.edges import by_variance
 from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
 
-__all__ = ["edge_share", "has_edges", "likeliest_share"]
+__all__ = ["FEWEST", "edge_share", "has_edges", "likeliest_share"]
 
 Array = NDArray[np.float64]
 

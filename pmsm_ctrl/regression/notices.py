@@ -22,6 +22,7 @@ __all__ = [
     "RECORD_DISAGREES",
     "RESAMPLED",
     "SPEED_FOR_COARSE_ANGLE",
+    "TORQUE_EDGES",
     "TORQUE_JUMPS",
     "WORSE_THAN_GIVEN",
     "sampling_text",
@@ -75,6 +76,11 @@ RESAMPLED = Template("resampled", "time stamps jitter by up to {jitter:.1f} % of
 GAPS = Template("gaps", "gaps in time: {count}, {seconds:.3g} s in total, not used")
 TORQUE_JUMPS = Template(
     "torque_jumps", "the torque jumps at {percent:.2g} % of the samples; the samples around these jumps are not used"
+)
+TORQUE_EDGES = Template(
+    "torque_edges",
+    "the {quantity} has edges between the samples: they falsify {percent:.2g} % of the samples by more than the noise, "
+    "and these count less; a log of means over its period, or of a higher rate, holds the edges",
 )
 MEASUREMENT_EFFECT_LEFT_IN = Template(
     "measurement_effect_left_in", "{effect} is not corrected: the log lacks a channel that its term needs"

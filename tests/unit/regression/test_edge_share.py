@@ -57,6 +57,7 @@ def test_edges_of_means_tell_the_inertia(seed: int) -> None:
     record = timed_record(DESIGN, staircase(True, seed))
     value, stderr = base_fit(DESIGN, record).value("J")
     assert record.usable > 0.75
+    assert "torque_jumps" not in {note.code for note in record.notes}
     assert stderr < 0.004 * J
     assert value == pytest.approx(J, rel=0.01)
 
@@ -65,4 +66,6 @@ def test_edges_of_means_tell_the_inertia(seed: int) -> None:
 def test_edges_of_instants_keep_little_weight(seed: int) -> None:
     record = timed_record(DESIGN, staircase(False, seed))
     assert np.quantile(record.weight[0][record.mask], 0.1) < 0.1
+    (said,) = [note for note in record.notes if note.code == "torque_edges"]
+    assert 5.0 < said.detail["percent"] < 30.0
     assert base_fit(DESIGN, record).value("F_c")[0] == pytest.approx(F_C, rel=0.02)
