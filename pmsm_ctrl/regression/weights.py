@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,8 @@ class Weighing:
     steps : StepErrors or None
     voltages : tuple of array, shape (m,)
         Weights of the voltage balances beside that of the torque.
+    kept : dict of float to array, shape (m,)
+        Errors by edges that were worked out.
     """
 
     log: Log
@@ -75,6 +77,7 @@ class Weighing:
     used: NDArray[np.bool_]
     steps: StepErrors | None
     voltages: tuple[Array, ...]
+    kept: dict[float, Array] = field(default_factory=dict, repr=False)
 
     def edges(self, least: float) -> Array:
         """Return the error of each thinned sample by edges, in units of its noise, shape (m,).
@@ -84,7 +87,9 @@ class Weighing:
         least : float
             Share of the torque's scatter up to which errors count as noise.
         """
-        return edge_error(self.raw, self.prepared, self.log.records, least)
+        if least not in self.kept:
+            self.kept[least] = edge_error(self.raw, self.prepared, self.log.records, least)
+        return self.kept[least]
 
     def weights(self, least: float, share: float = 1.0) -> tuple[Array, NDArray[np.bool_]]:
         """Return the weights, shape (channels, m), and the samples that take part, shape (m,).
