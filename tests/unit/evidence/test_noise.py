@@ -62,6 +62,24 @@ def assert_covers(hits: np.ndarray, seeds: int) -> None:
     assert ((hits / seeds >= low) & (hits / seeds <= high)).all(), hits / seeds
 
 
+def test_what_was_fitted_is_given_back_as_written_with_whole_matrices() -> None:
+    """The residual of a model with correlation R has M R M; its coefficients, less the model's own, are subtracted."""
+    n, t = 300, np.arange(300)
+    mask = (t < 120) | (t >= 150)
+    columns = np.column_stack([np.ones(n), np.sin(t / 40.0), np.where(t < 200, 1.0, -1.0)]) * mask[:, None]
+    basis = np.linalg.qr(columns)[0] * mask[:, None]
+    residual = ar1(np.random.default_rng(3), n, 0.6) * mask
+    residual -= basis @ (basis.T @ residual)
+    plain = fit_noise(residual, mask, max_order=2)
+    correlation, fitted = toeplitz(plain.correlation), basis @ basis.T
+    left = (np.eye(n) - fitted) @ correlation @ (np.eye(n) - fitted)
+    pairs = [mask[: n - lag] & mask[lag:] for lag in range(plain.order + 1)]
+    seen = np.array([np.mean(np.diagonal(left, lag)[pair]) for lag, pair in enumerate(pairs)])
+    bias = -np.linalg.solve(toeplitz(seen[:-1]), seen[1:]) - plain.a
+    assert np.abs(bias).max() > 0.01
+    assert fit_noise(residual, mask, max_order=2, basis=basis).a == pytest.approx(plain.a - bias, rel=1e-9)
+
+
 @pytest.mark.parametrize(("rho", "n"), [(0.0, 300), (0.5, 500), (0.9, 1500), (0.97, 5000)])
 def test_95_percent_intervals_cover(rho: float, n: int) -> None:
     t = np.arange(n) * 0.01
