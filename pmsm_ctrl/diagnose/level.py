@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.fit import Fitted
 
-__all__ = ["Level", "level_of"]
+__all__ = ["Level", "known_noise", "level_of"]
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,24 @@ class Level:
         return 1.0 - 1.0 / max(self.measured, 1.0) ** 2
 
 
+def known_noise(fit: Fitted, row: int) -> float:
+    """Return the noise that a balance is known to have: of the steps of the angle, in the torque of the inertia.
+
+    Columns that are made of the acceleration hold the same noise, so that all candidates together explain much of it.
+    What they leave, the floor, is then less than the noise.
+
+    Parameters
+    ----------
+    fit : Fitted
+    row : int
+        Of the balance.
+    """
+    names = fit.model.names
+    if row != 0 or "J" not in names:
+        return 0.0
+    return abs(float(fit.plain.values[names.index("J")])) * fit.record.rough
+
+
 def level_of(fit: Fitted, row: int) -> Level:
     """Return the sizes in a balance.
 
@@ -48,7 +66,7 @@ def level_of(fit: Fitted, row: int) -> Level:
         Of the balance.
     """
     record = fit.record
-    scale = record.weight[row][record.mask] / max(float(fit.weights.sigma[row]), 1e-300)
+    scale = record.weight[row][record.mask] / max(float(fit.weights.sigma[row]), known_noise(fit, row), 1e-300)
 
     def rms(values: NDArray[np.float64]) -> float:
         return float(np.sqrt(np.mean((values[record.mask] * scale) ** 2)))

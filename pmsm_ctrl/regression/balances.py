@@ -31,7 +31,7 @@ from pmsm_ctrl.regression.drive_timing import (
     stated_timing,
 )
 from pmsm_ctrl.regression.edges import MAD, WRONG_TORQUE
-from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps
+from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps, rough_acceleration
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
 from pmsm_ctrl.regression.notices import LONG_LOG, TORQUE_JUMPS
@@ -137,6 +137,8 @@ class Record:
         Stretches of time that take no part, because something happened there once, s.
     step : float
         Step of the logged angle, rad (m); next to nothing of a fine encoder, 0 without an angle.
+    rough : float
+        Noise of the filtered acceleration by these steps, rms.
     lines : tuple of int
         Lines of the encoder whose errors the log shows; they are part of every fit.
     weighing : Weighing or None
@@ -171,6 +173,7 @@ class Record:
     edges: float = 1.0
     left_out: tuple[tuple[float, float], ...] = ()
     step: float = 0.0
+    rough: float = 0.0
     lines: tuple[int, ...] = ()
     weighing: Weighing | None = field(default=None, repr=False)
     memo: Memo = field(default_factory=dict, repr=False)
@@ -419,6 +422,7 @@ def _made(
         None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
         sampling_stated=drive_sampling(design, log).stated, unseen=time_in_gaps(log), records=log.records, wrong=wrong,
         edges=edges, step=resolution, weighing=weighing,
+        rough=rough_acceleration(resolution, given.rate, prepared.cutoff),
     )  # fmt: skip
 
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
-from pmsm_ctrl.regression.filters import derivative, low_pass
+from pmsm_ctrl.regression.filters import RIPPLE, derivative, low_pass
 
-__all__ = ["StepErrors", "angle_step", "errors_by_steps"]
+__all__ = ["StepErrors", "angle_step", "errors_by_steps", "rough_acceleration"]
 
 Array = NDArray[np.float64]
 
@@ -54,6 +54,28 @@ def _multiples(values: Array) -> bool:
     unit = float(np.min(values, initial=np.inf))
     counts = values[values < MULTIPLES * unit] / unit
     return len(counts) == 0 or float(np.mean(np.abs(counts - np.round(counts)) > OFF)) <= MOST_OFF
+
+
+def rough_acceleration(step: float, rate: float, cutoff: float) -> float:
+    """Return the noise of the filtered acceleration by the steps of an angle, rms, where they pass fast.
+
+    Their error is white, of variance ``step^2 / 12``; differentiated twice its density grows with the fourth power of
+    the frequency, and the balance's filter passes a little above its cutoff. Sources: B. Widrow, I. Kollar,
+    Quantization Noise, Cambridge 2008, ch. 1; for the filter `filters.low_pass`.
+
+    Parameters
+    ----------
+    step : float
+        Of the angle, rad (m).
+    rate : float
+        At which it was logged, Hz.
+    cutoff : float
+        Hz.
+    """
+    density = step**2 / 12.0 * 2.0 / rate
+    x = np.linspace(0.0, 2.0, 401)  # frequency over the cutoff
+    passed = 1.0 / (1.0 + (10.0 ** (0.1 * RIPPLE) - 1.0) * np.polynomial.chebyshev.Chebyshev.basis(8)(x) ** 2)
+    return math.sqrt(density * (2.0 * math.pi) ** 4 * cutoff**5 * float(np.trapezoid(x**4 * passed**2, x)))
 
 
 @dataclass(frozen=True, eq=False)

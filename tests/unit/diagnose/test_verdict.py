@@ -30,7 +30,12 @@ PSI_F = 0.172
 
 
 def fit_of(
-    measured: float = 20.0, left: float = 1.0, samples: float = 4e3, friction: float = 0.5, **values: float
+    measured: float = 20.0,
+    left: float = 1.0,
+    samples: float = 4e3,
+    friction: float = 0.5,
+    rough: float = 0.0,
+    **values: float,
 ) -> Any:
     """A fit of a torque balance alone; sizes in units of its noise."""
     at, samples = {**NOMINAL, **values}, int(samples)
@@ -38,6 +43,7 @@ def fit_of(
     record = SimpleNamespace(
         mask=np.ones(samples, dtype=bool), weight=np.ones((1, samples)), target=measured * row, channels=("torque",),
         cutoff=40.0, rate=200.0, drive="torque", noise_of=lambda values: 0.0, timing=DriveTiming(),
+        rough=rough,
     )  # fmt: skip
     nominal = np.array([PSI_F if name == "psi_f" else NOMINAL[name] for name in at])
     matrix = np.zeros((1, samples, len(nominal)))
@@ -141,6 +147,9 @@ def test_a_log_of_noise_decides_nothing() -> None:
 def test_a_residual_well_above_its_floor_is_not_consistent() -> None:
     # half of a sum of squares of 2 is noise: beyond that all candidates together explain most of the residual
     assert verdict_of(fit_of(left=1.42)) == ("inconclusive", ["above_noise_floor"])
+    # unless the steps of the encoder are known to make as much, of which candidates explain a part
+    assert verdict_of(fit_of(left=1.42, rough=1.1 / NOMINAL["J"]))[0] == "consistent"
+    assert verdict_of(fit_of(left=1.42, rough=0.9 / NOMINAL["J"]))[0] == "inconclusive"
     assert verdict_of(fit_of(left=1.41)) == ("consistent", [])
 
 

@@ -9,7 +9,7 @@ from pmsm_ctrl import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.conditioning import Prepared, Processing
-from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps
+from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps, rough_acceleration
 from pmsm_ctrl.regression.weights import uneven_weight
 
 RATE, STEP = 1000.0, 2.0 * np.pi / 512.0
@@ -45,6 +45,21 @@ def test_fast_steps_are_white_noise() -> None:
     density = STEP**2 / 12.0 / (0.5 * RATE)
     speed = np.sqrt(np.trapezoid(density * (2.0 * np.pi * f * passed) ** 2, f))
     assert np.sqrt(np.mean(found.speed[1000:-1000] ** 2)) == pytest.approx(speed, rel=0.05)
+    # the band of the balance: its filter is steep
+    filtered = np.sqrt(np.mean(found.filtered[100:-100] ** 2))
+    assert filtered == pytest.approx(rough_acceleration(STEP, RATE, CUTOFF), rel=0.05)
+
+
+def test_the_noise_of_the_acceleration_is_that_of_a_rounded_angle() -> None:
+    step, t = 2.0 * np.pi / 2**12, np.arange(40_000) / RATE
+    theta = 60.0 * t - 15.0 / (2.0 * np.pi * 0.3) * np.cos(2.0 * np.pi * 0.3 * t)
+    alpha = 15.0 * 2.0 * np.pi * 0.3 * np.cos(2.0 * np.pi * 0.3 * t)
+    log = Log({"t": t, "theta": step * np.round(theta / step), "torque": 1e-3 * alpha + 0.1})
+    design = Design.from_dict({"name": "axis", "motor": {"J": 1e-3, "K_t": 1.0}})
+    record = make_record(design, log, Processing(cutoff=CUTOFF))
+    left = (record.acceleration() - record.shaped(alpha))[record.mask]
+    assert np.std(left) == pytest.approx(rough_acceleration(step, RATE, CUTOFF), rel=0.15)
+    assert record.rough == pytest.approx(rough_acceleration(step, RATE, CUTOFF), rel=1e-6)
 
 
 def test_a_fine_encoder_has_none() -> None:
