@@ -216,8 +216,9 @@ def thinned_zero_phase(
         np.dot(block, sums, total[b : b + 1])
     one = np.zeros(size)
     one[::2] = 1.0
-    state, behind = settled * _mirrored(values, -pad), np.empty(size)
-    _settle_and_pass(values, -pad, 0, poles, one, state)
+    begin = -pad  # and no 0 below, for which it would be compiled once more
+    state, behind = settled * _mirrored(values, begin), np.empty(size)
+    _settle_and_pass(values, begin, begin + pad, poles, one, state)
     for b in range(blocks):
         for k in range(size):
             around[b, k] = state[k]
