@@ -55,7 +55,7 @@ MUTATIONS = (
     Mutation("weight: edges are as far off as a period allows", "regression/edge_share.py",
              "return float(min(SHARES, key=cost))", "return 1.0", "unit/regression/test_edge_share.py"),
     Mutation("weight: edges of a fast log are judged after thinning", "regression/weights.py",
-             "if len(whole) == len(log) or times < 2:", "if True:", "unit/identify/test_between_samples.py"),
+             "if len(whole) == len(log) or times < 2:", "if True:", "unit/regression/test_weights.py"),
     Mutation("weight: reversals count in full", "regression/weights.py",
              "return 1.0 / (1.0 + (wrong / noise) ** 2)", "return 1.0 / (1.0 + 0.0 * wrong)",
              "unit/regression/test_weights.py"),

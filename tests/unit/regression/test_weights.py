@@ -59,6 +59,17 @@ def test_an_edge_of_a_fast_log_is_late_by_a_part_of_the_grid_alone(prepared: Pre
     assert weights[0] < 0.2 < 0.9 < weights[1]
 
 
+def test_what_a_fast_log_resolves_is_no_edge() -> None:
+    """A burst of 300 Hz lies above a quarter of the 1 kHz to which a log of 8 kHz is thinned, and not above its own."""
+    t = np.arange(80_000) / 8000.0
+    omega, alpha = 50.0 * np.sin(4.0 * t) + 80.0, 200.0 * np.cos(4.0 * t)
+    burst = np.where(np.abs(t - 5.0) < 0.03, 0.2 * np.sin(2.0 * np.pi * 300.0 * t), 0.0)
+    torque = 1e-3 * alpha + 0.1 + 1e-3 * omega + burst + 3e-3 * np.random.default_rng(1).standard_normal(len(t))
+    design = Design.from_dict({"name": "axis", "motor": {"J": 1e-3, "K_t": 1.0}})
+    record = make_record(design, Log({"t": t, "theta": 80.0 * t - 12.5 * np.cos(4.0 * t), "torque": torque}))
+    assert record.weight[0][record.mask].min() > 0.9
+
+
 def test_a_smooth_signal_keeps_its_weight(prepared: Prepared) -> None:
     raw = np.sin(prepared.t) + 0.01 * np.random.default_rng(2).standard_normal(prepared.t.size)
     assert steep(edge_error(raw, prepared)).min() > 0.95
