@@ -129,7 +129,9 @@ def test_a_spring_is_polished_where_left_out_stretches_gain(design: Design, nois
     assert "polished" in [notice.code for notice in better.remarks]
     assert better.parameters["k"].value == better.design.parameters("compliance")["k"]
     off = [abs(one.parameters["k"].value / spring["k"] - 1.0) for one in (plain, better)]
-    assert off[1] < 0.1 < 0.4 < off[0]
+    # the regression alone is off by 20 %; it was more than 40 % while edges of the current counted next to nothing
+    assert off[1] < 0.1
+    assert 4.0 * off[1] < off[0]
 
 
 def test_what_gains_nothing_stays(design: Design, monkeypatch: pytest.MonkeyPatch) -> None:
