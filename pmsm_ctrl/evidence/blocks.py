@@ -191,6 +191,8 @@ def _determined_alone(gram: Array, kept: Array, base: int, ridge: float) -> Arra
 
 def _ridge_solutions(grams: Array, ridge: float) -> Array:
     """Coefficients of the columns for the target, which comes first in each Gram matrix, shape (blocks, k)."""
+    if grams.shape[-1] == 1:  # no column, and a mean diagonal of none
+        return np.zeros((len(grams), 0))
     size = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2)[:, 1:], 0.0))
     size[size == 0.0] = 1.0
     scaled = grams[:, 1:, 1:] / (size[:, :, None] * size[:, None, :])

@@ -65,7 +65,8 @@ def _states(A: Array, B: Array, at: Complex) -> Complex:
     time of a matrix for each. States are as different in size as a charge and an angle: they are balanced before, and
     what is left of every equation is solved once more.
     """
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    with np.errstate(invalid="ignore"):  # scipy takes large scales for a permutation, of which there is none
+        balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
     rates, turned = schur(balanced, output="complex")
     inputs = (B / scale)[:, None]
 

@@ -121,3 +121,14 @@ def test_blocks_of_a_single_burst_are_no_shorter_than_half_of_equal_ones() -> No
     assert np.sum(np.diff(even) < 0.1) <= 8
     shares = [burst[(t >= a) & (t < b)].sum() / burst.sum() for a, b in even]
     assert max(shares) < 2.1 / 16.0
+
+
+def test_a_column_that_one_block_alone_tells_gains_nothing_there() -> None:
+    """Without a base no direction is left in that block: it was a division by none."""
+    t, rng = np.arange(4000) * 1e-2, np.random.default_rng(6)
+    edges = [(k * 5.0, (k + 1) * 5.0 - 0.01) for k in range(8)]
+    column = np.where((t >= 10.0) & (t < 15.0), rng.standard_normal(len(t)), 0.0)
+    rows = np.stack([3.0 * column + rng.standard_normal(len(t)), column], axis=1)[None]
+    gains, _ = left_out_gains(rows, rows[0].T @ rows[0], t, edges, 0.0, 0, 1e-6)
+    assert len(gains) == 8
+    assert gains[2] == 0.0
