@@ -52,6 +52,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = _begun_apart(items)
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    if not config.getoption("--slow"):
+        terminalreporter.write_line("Tests marked slow are left out; --slow runs them.")
+
+
 # What compiles no kernel, and takes 20 s; one file among them does.
 NO_KERNELS = tuple(ROOT / "tests" / "unit" / name for name in (
     "importers", "rendering", "test_design.py", "test_docstrings.py", "test_imports.py",

@@ -21,12 +21,12 @@ from pmsm_ctrl.regression.base_fit import Estimated
 from pmsm_ctrl.regression.edges import by_variance
 from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
 
-__all__ = ["FEWEST", "edge_share", "has_edges", "likeliest_share"]
+__all__ = ["FEWEST", "edge_share", "falsified", "has_edges", "likeliest_share"]
 
 Array = NDArray[np.float64]
 
-# Share of the samples that must lose half of their weight: fewer edges are not worth a fit of their own.
-FEWEST = 0.005
+# Share of the samples that must lose half of their weight: fewer edges are not worth a fit of their own, nor a word.
+FEWEST, LOST = 0.005, 0.5
 # Weight of a sample without its edges, from which on they are what is left to doubt of it.
 SOUND = 0.5
 # Error by edges, over the noise, below which a sample counts as one without.
@@ -35,8 +35,22 @@ QUIET = 0.02
 SHARES = (0.0, *np.logspace(-3.0, 0.0, 31).tolist())
 
 
+def falsified(record: Record, share: float = 1.0) -> float:
+    """Return the share of the samples that lose half of their weight by edges.
+
+    Parameters
+    ----------
+    record : Record
+        Whose weights may be worked out again.
+    share : float
+        Error of the edges as a share of the one that a period of the log makes.
+    """
+    assert record.weighing is not None
+    return float(np.mean(by_variance(share * record.weighing.edges(record.wrong))[record.mask] < LOST))
+
+
 def has_edges(record: Record) -> bool:
-    """Return whether edges take the weight of a noticeable part of a log, and a fit can tell how far off they are.
+    """Return whether edges may take the weight of a noticeable part of a log, and a fit can tell how far off they are.
 
     Noise of the acceleration may be most of what a fit leaves, and is no error of the edges.
 
@@ -45,9 +59,7 @@ def has_edges(record: Record) -> bool:
     record : Record
         Whose weights may be worked out again.
     """
-    assert record.weighing is not None
-    lost = by_variance(record.weighing.edges(record.wrong))[record.mask] < 0.5
-    return bool(np.mean(lost) >= FEWEST) and noise_share(record, record.acceleration()) < MOST_NOISE
+    return falsified(record) >= FEWEST and noise_share(record, record.acceleration()) < MOST_NOISE
 
 
 def edge_share(record: Record, fit: Estimated) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
-from pmsm_ctrl.regression.filters import RIPPLE, derivative, low_pass
+from pmsm_ctrl.regression.filters import ORDER, RIPPLE, derivative, low_pass
 
 __all__ = ["StepErrors", "angle_step", "errors_by_steps", "rough_acceleration"]
 
@@ -74,7 +74,7 @@ def rough_acceleration(step: float, rate: float, cutoff: float) -> float:
     """
     density = step**2 / 12.0 * 2.0 / rate
     x = np.linspace(0.0, 2.0, 401)  # frequency over the cutoff
-    passed = 1.0 / (1.0 + (10.0 ** (0.1 * RIPPLE) - 1.0) * np.polynomial.chebyshev.Chebyshev.basis(8)(x) ** 2)
+    passed = 1.0 / (1.0 + (10.0 ** (0.1 * RIPPLE) - 1.0) * np.polynomial.chebyshev.Chebyshev.basis(ORDER)(x) ** 2)
     return math.sqrt(density * (2.0 * math.pi) ** 4 * cutoff**5 * float(np.trapezoid(x**4 * passed**2, x)))
 
 

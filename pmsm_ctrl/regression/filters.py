@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.errors import RequestError
 
-__all__ = ["RIPPLE", "derivative", "low_pass", "mirrored", "shifted"]
+__all__ = ["ORDER", "RIPPLE", "derivative", "low_pass", "mirrored", "shifted"]
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ def shifted(values: Array, period: float, by: float) -> Array:
     return out
 
 
-RIPPLE = 0.05  # dB of the Chebyshev filter
+ORDER, RIPPLE = 8, 0.05  # of the Chebyshev filter; dB
 
 
 def mirrored(n: int, rate: float, cutoff: float) -> int:
@@ -120,5 +120,5 @@ def _sections(rate: float, cutoff: float, steep: bool) -> tuple[Array, Array]:
     """Second-order sections of a low-pass, and their state after a constant one, shape (sections, 2)."""
     from scipy.signal import butter, cheby1, sosfilt_zi
 
-    design = cheby1(8, RIPPLE, cutoff, fs=rate, output="sos") if steep else butter(4, cutoff, fs=rate, output="sos")
+    design = cheby1(ORDER, RIPPLE, cutoff, fs=rate, output="sos") if steep else butter(4, cutoff, fs=rate, output="sos")
     return np.array(design), np.array(sosfilt_zi(design))

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.regression.filters import RIPPLE, low_pass, mirrored
+from pmsm_ctrl.regression.filters import ORDER, RIPPLE, low_pass, mirrored
 
 __all__ = ["thinned"]
 
@@ -80,7 +80,7 @@ def _modes(rate: float, cutoff: float, step: int, kept: int) -> _Modes:
     """
     from scipy.signal import cheby1
 
-    zeros, p, d = cheby1(8, RIPPLE, cutoff, fs=rate, output="zpk")
+    zeros, p, d = cheby1(ORDER, RIPPLE, cutoff, fs=rate, output="zpk")
     c = np.array([d * np.prod(one - zeros) / np.prod(one - np.delete(p, k)) for k, one in enumerate(p)])
     shared = c / (1.0 - np.multiply.outer(p, p))
     ahead = p * shared.sum(axis=1) + d

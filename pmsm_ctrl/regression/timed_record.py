@@ -30,8 +30,8 @@ from pmsm_ctrl.regression.drive_timing import (
     possible_sampling,
     stated_timing,
 )
-from pmsm_ctrl.regression.edge_share import FEWEST, edge_share, has_edges
-from pmsm_ctrl.regression.edges import WRONG_TORQUE, by_variance, steep
+from pmsm_ctrl.regression.edge_share import FEWEST, edge_share, falsified, has_edges
+from pmsm_ctrl.regression.edges import WRONG_TORQUE, steep
 from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.instruments import by_reference
 from pmsm_ctrl.regression.made import Made
@@ -102,12 +102,12 @@ def timed_record(design: Design, log: Log, made: Made | None = None, band: float
     record = timed if band else _widened(design, made, timed, fit)
     record, fit = _weighed(design, record, fit if record is timed else base_fit(design, record))
     assert record.weighing is not None
-    error = record.weighing.edges(record.wrong)
-    record = replace(_with_edges_said(record, error), weighing=None)  # it holds the log
+    sure = steep(record.weighing.edges(record.wrong))
+    record = replace(_with_edges_said(record), weighing=None)  # it holds the log
     if record.records:
         record = of_one_axis(design, record)
         fit = base_fit(design, record)
-    return _with_filter_said(_with_lines(record, fit, steep(error)))
+    return _with_filter_said(_with_lines(record, fit, sure))
 
 
 def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
@@ -205,9 +205,9 @@ def _reweighed(record: Record, wrong: float, share: float) -> Record:
     return replace(record, weight=weight, mask=mask, wrong=wrong, edges=share, memo={}, kept=kept)
 
 
-def _with_edges_said(record: Record, error: Array) -> Record:
+def _with_edges_said(record: Record) -> Record:
     """Return the record with a notice of the edges that its samples do not resolve, where these are not few."""
-    false = float(np.mean(by_variance(record.edges * error)[record.mask] < 0.5))
+    false = falsified(record, record.edges)
     if false < FEWEST:
         return record
     return replace(record, notes=(*record.notes, TORQUE_EDGES(quantity=record.drive, percent=100.0 * false)))

@@ -28,7 +28,6 @@ __all__ = [
     "torque_noise",
     "uneven_weight",
     "voltage_weight",
-    "weight_of_torque",
 ]
 
 Array = NDArray[np.float64]
@@ -91,7 +90,7 @@ class Weighing:
             self.kept[least] = edge_error(self.raw, self.prepared, self.log.records, least)
         return self.kept[least]
 
-    def weights(self, least: float, share: float = 1.0) -> tuple[Array, NDArray[np.bool_]]:
+    def weights(self, least: float, share: float) -> tuple[Array, NDArray[np.bool_]]:
         """Return the weights, shape (channels, m), and the samples that take part, shape (m,).
 
         Parameters
@@ -101,23 +100,15 @@ class Weighing:
         share : float
             Error of the edges as a share of the one that a period of the log makes.
         """
-        torque, used = weight_of_torque(self, least, share)
+        torque, used = _weight_of_torque(self, least, share)
         return np.array([torque, *(torque * one for one in self.voltages)]), used
 
 
-def weight_of_torque(known: Weighing, least: float, share: float = 1.0) -> tuple[Array, NDArray[np.bool_]]:
+def _weight_of_torque(known: Weighing, least: float, share: float) -> tuple[Array, NDArray[np.bool_]]:
     """Return the weight of each thinned sample of the torque balance, shape (m,), and which of those used remain.
 
     Edges of the drive signal, reversals and slow steps of the angle count less; a sample whose time stamp lies is left
     out.
-
-    Parameters
-    ----------
-    known : Weighing
-    least : float
-        Share of the torque's scatter up to which errors need no care.
-    share : float
-        Error of the edges as a share of the one that a period of the log makes.
     """
     log, prepared, used, steps = known.log, known.prepared, known.used, known.steps
     slow = by_variance(share * known.edges(least))

@@ -91,7 +91,7 @@ def test_weights_for_another_error_are_those_of_a_record_made_with_it(designs, l
     design = Design.read(designs / "seed_motor.toml")
     record, other = (make_record(design, log, wrong=wrong) for wrong in (0.02, 0.004))
     assert record.weighing is not None
-    weight, mask = record.weighing.weights(0.004)
+    weight, mask = record.weighing.weights(0.004, 1.0)
     assert (weight < record.weight).any()
     np.testing.assert_array_equal(weight, other.weight)
     np.testing.assert_array_equal(mask, other.mask)
