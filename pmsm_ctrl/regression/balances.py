@@ -35,8 +35,9 @@ from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps, roug
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
 from pmsm_ctrl.regression.notices import LONG_LOG, TORQUE_JUMPS
+from pmsm_ctrl.regression.thinning import interpolated
 from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual, time_in_gaps
-from pmsm_ctrl.regression.weights import Weighing, at_given_rate, on_grid, quantisation_error, voltage_weight
+from pmsm_ctrl.regression.weights import Weighing, at_given_rate, on_grid, quantisation_error, voltage_weights
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit, drives
 
@@ -69,9 +70,6 @@ STANDSTILL = 0.0005
 FEWEST_SAMPLES = 32
 # Periods of the cutoff at either end that the filters need to start, and the share of a log that is given up at most.
 EDGES, SHORTEST_EDGE = (4.0, 10.0), 0.05
-SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
-# Samples of the thinned grid on either side from which one of the log's is interpolated.
-SINC = 24
 FEWEST = 20  # samples of the thinned grid that a balance needs
 # Share of a log that the default band has to leave.
 USABLE = 0.1
@@ -227,18 +225,9 @@ class Record:
         return values[..., self.prepared.keep]
 
     def at_full_rate(self, values: Array) -> Array:
-        """Return what was filtered and thinned, shape (m,), at the log's rate, shape (n,).
-
-        The band reaches up to nine tenths of what the grid resolves, where a spline would lose half of a slope.
-        """
-        from scipy.signal import firwin, upfirdn
-
+        """Return what was filtered and thinned, shape (m,), at the log's rate, shape (n,)."""
         step = round(self.prepared.rate / self.rate)
-        if step == 1:
-            return values
-        taps = step * firwin(2 * SINC * step + 1, 1.0 / step, window=("kaiser", SIDE_LOBES))
-        full: Array = upfirdn(taps, np.pad(values, SINC, mode="edge"), step)
-        return full[2 * SINC * step :][: len(self.prepared.t)]
+        return interpolated(values, step)[: len(self.prepared.t)]
 
     def stack_all(self, parts: Sequence[Mapping[str, Array]], filtered: bool = False) -> Rows:
         """Return several columns in the balances that any of them enters, filtered in one go.
@@ -407,7 +396,7 @@ def _made(
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     moving = (sure & _edges(prepared) & measured)[prepared.keep]
     level = np.hypot(*target[1:]) if len(channels) > 1 else np.zeros(0)
-    voltages = [voltage_weight(design, prepared, signals, level, on_grid(log, prepared, name)) for name in channels[1:]]
+    voltages = voltage_weights(design, prepared, signals, level, log, channels[1:])
     source = "torque" if "torque" in log else "i_q"
     read = replace(log, channels={name: log[name] for name in ("t", "theta", source) if name in log})
     at_all = at_given_rate(whole, log, timing, prepared, source)
@@ -443,8 +432,10 @@ def _edges(prepared: Prepared) -> Mask:
     return inside
 
 
-def _add_slopes(signals: dict[str, Array], prepared: Prepared) -> None:
-    for name in ("i_d", "i_q", "i_q_wide"):
+def _add_slopes(
+    signals: dict[str, Array], prepared: Prepared, names: Sequence[str] = ("i_d", "i_q", "i_q_wide")
+) -> None:
+    for name in names:
         if name in signals:
             signals[f"d{name}"] = derivative(signals[name], 1.0 / prepared.rate)
 
@@ -475,7 +466,7 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
     if "u_d" in record.channels:
         signals["i_q_wide"] = signals["i_q"] + _beyond_band(record, "i_q_meas", late)
         signals["i_q_whole"] = signals["i_q"] + _beyond_band(record, "i_q_logged", late)
-    _add_slopes(signals, record.prepared)
+    _add_slopes(signals, record.prepared, ("i_q", "i_q_wide"))  # i_d is the measured one still
     return replace(record, signals=signals, late=late, memo={})
 
 

@@ -23,7 +23,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression import notices as words
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.drive_timing import Sampling
-from pmsm_ctrl.regression.filters import derivative, low_pass
+from pmsm_ctrl.regression.filters import derivative, low_pass_each
 from pmsm_ctrl.regression.masks import count_reversals, resting, slow_speed, torque_jumps, without_edges
 from pmsm_ctrl.regression.measurement_correction import undone
 from pmsm_ctrl.regression.signals import logged_torque
@@ -34,6 +34,7 @@ from pmsm_ctrl.section import Notice
 __all__ = ["PREFILTER", "Prepared", "Processing", "condition", "default_cutoff", "prepare"]
 
 Array = NDArray[np.float64]
+Clean = Callable[[Sequence[Array]], list[Array]]  # the low-pass before differentiation
 Mask = NDArray[np.bool_]
 
 # Least samples of a log that is evaluated.
@@ -218,10 +219,10 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
         raise RequestError(f"cutoff {cutoff:g} Hz: it should lie between 0 and half the log's rate, {rate / 2:g} Hz")
     signals, alpha, clean, slow = _moved(raw, rate, cutoff, processing, where)
     blank = slow is not None
-    for name in ("i_d", "i_q", "u_d", "u_q", "T_load", "temperature"):
-        if name in raw:
-            signals[name] = clean(raw[name])
-    signals["torque"] = clean(raw["torque"]) if "torque" in raw else logged_torque(design, signals, where)
+    names = [name for name in ("i_d", "i_q", "u_d", "u_q", "T_load", "temperature", "torque") if name in raw]
+    signals |= zip(names, clean([raw[name] for name in names]), strict=True)
+    if "torque" not in signals:
+        signals["torque"] = logged_torque(design, signals, where)
     _require_motion(signals, where)
     signals["t"] = own_time(log, t)  # terms that drift count from the begin of the record
     for name in {"i_d", "i_q"} & signals.keys():
@@ -292,14 +293,14 @@ def _require_motion(signals: Mapping[str, Array], where: str) -> None:
 
 def _moved(
     raw: Mapping[str, Array], rate: float, cutoff: float, processing: Processing, where: str
-) -> tuple[dict[str, Array], Array, Callable[[Array], Array], float | None]:
+) -> tuple[dict[str, Array], Array, Clean, float | None]:
     """Return the motion, the acceleration, the low-pass that made them, and the speed up to which rests are blanked.
 
     Where noise would reverse the axis, that speed is raised until it does not; None where that is not enough.
     """
 
-    def made(wide: float) -> tuple[dict[str, Array], Array, Callable[[Array], Array]]:
-        clean = (lambda x: low_pass(x, rate, wide)) if wide < 0.45 * rate else (lambda x: x)
+    def made(wide: float) -> tuple[dict[str, Array], Array, Clean]:
+        clean = (lambda some: low_pass_each(some, rate, wide)) if wide < 0.45 * rate else list
         return *_motion(raw, 1.0 / rate, clean, processing.derivative, where), clean
 
     usual = PREFILTER * cutoff
@@ -321,13 +322,13 @@ def _moved(
 
 
 def _motion(
-    raw: Mapping[str, Array], period: float, clean: Callable[[Array], Array], method: str, where: str
+    raw: Mapping[str, Array], period: float, clean: Clean, method: str, where: str
 ) -> tuple[dict[str, Array], Array]:
     if "theta" in raw:
-        theta = clean(unwrapped(raw["theta"]))
+        theta = clean([unwrapped(raw["theta"])])[0]
         omega = derivative(theta, period, method)
     elif "omega" in raw:
-        omega = clean(raw["omega"])
+        omega = clean([raw["omega"]])[0]
         theta = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1])) * period])
     else:
         raise LogError(f"{where}neither theta nor omega (present: {', '.join(raw)})", next_command=NextCommand.IMPORT)

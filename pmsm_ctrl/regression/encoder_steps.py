@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
-from pmsm_ctrl.regression.filters import ORDER, RIPPLE, derivative, low_pass
+from pmsm_ctrl.regression.filters import ORDER, RIPPLE, derivative, low_pass_each
 
 __all__ = ["StepErrors", "angle_step", "errors_by_steps", "rough_acceleration"]
 
@@ -115,10 +115,9 @@ def errors_by_steps(prepared: Prepared, step: float) -> StepErrors | None:
         return None
     count = prepared.signals["theta"] / step
     speed, acceleration, filtered = np.zeros(len(count)), np.zeros(len(count)), np.zeros(len(prepared.keep))
-    for k in range(ZEROS):
-        place = count + (k + 0.5) / ZEROS
-        error = step * (np.round(place) - place)
-        error = low_pass(error, prepared.rate, wide) if wide < 0.45 * prepared.rate else error
+    places = (count + (k + 0.5) / ZEROS for k in range(ZEROS))
+    errors = [step * (np.round(place) - place) for place in places]
+    for error in low_pass_each(errors, prepared.rate, wide) if wide < 0.45 * prepared.rate else errors:
         slope = derivative(error, period)
         bend = derivative(slope, period)
         speed += slope**2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.errors import RequestError
 
-__all__ = ["ORDER", "RIPPLE", "derivative", "low_pass", "mirrored", "shifted"]
+__all__ = ["ORDER", "RIPPLE", "derivative", "low_pass", "low_pass_each", "mirrored", "shifted"]
 
 Array = NDArray[np.float64]
 
@@ -67,6 +68,7 @@ def shifted(values: Array, period: float, by: float) -> Array:
 
 
 ORDER, RIPPLE = 8, 0.05  # of the Chebyshev filter; dB
+SIDE_BY_SIDE = 1_000_000  # samples of all signals that are filtered at once, at most
 
 
 def mirrored(n: int, rate: float, cutoff: float) -> int:
@@ -113,6 +115,20 @@ def low_pass(values: Array, rate: float, cutoff: float, steep: bool = False, ste
     out = np.empty((len(flat), -(-n // step)))
     zero_phase(flat, sections, settled, mirrored(n, rate, cutoff), step, out)
     return out.reshape(*values.shape[:-1], out.shape[1])
+
+
+def low_pass_each(signals: Sequence[Array], rate: float, cutoff: float) -> list[Array]:
+    """Return several signals of one length after `low_pass`: side by side, which is faster, where they are not long.
+
+    Parameters
+    ----------
+    signals : sequence of array, shape (n,)
+    rate, cutoff : float
+        Hz.
+    """
+    if sum(len(one) for one in signals) > SIDE_BY_SIDE:
+        return [low_pass(one, rate, cutoff) for one in signals]
+    return list(low_pass(np.stack(signals), rate, cutoff)) if len(signals) else []
 
 
 @lru_cache(maxsize=32)

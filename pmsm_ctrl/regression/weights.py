@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
 from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.regression.edges import MAD, UPPER, WRONG_TORQUE, by_variance, edge_error, highest, steep
 from pmsm_ctrl.regression.encoder_steps import StepErrors
-from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.filters import low_pass, low_pass_each
 from pmsm_ctrl.regression.timing import punctual
 
 __all__ = [
@@ -27,7 +27,7 @@ __all__ = [
     "scatter",
     "torque_noise",
     "uneven_weight",
-    "voltage_weight",
+    "voltage_weights",
 ]
 
 Array = NDArray[np.float64]
@@ -242,15 +242,22 @@ def on_grid(log: Log, prepared: Prepared, name: str) -> Array:
     return np.array(log[name] if same else np.interp(prepared.t, log.t, log[name]))
 
 
-def voltage_weight(design: Design, prepared: Prepared, signals: Mapping[str, Array], u: Array, raw: Array) -> Array:
-    """Weight of a voltage balance: its model is off by shares of the inductive drop and of the voltage itself."""
+def voltage_weights(
+    design: Design, prepared: Prepared, signals: Mapping[str, Array], u: Array, log: Log, names: Sequence[str]
+) -> list[Array]:
+    """Weights of the voltage balances: their model is off by shares of the inductive drop and of the voltage itself."""
+    raw = [on_grid(log, prepared, name) for name in names]
+    if not raw:
+        return []
     rate = prepared.rate
-    noise = float(np.std(raw - low_pass(raw, rate, UPPER * rate))) * np.sqrt(2.0 * prepared.cutoff / rate) + 1e-12
     L = max(design.motor.L_d or 0.0, design.motor.L_q or 0.0)
-    slope = np.hypot(signals["di_d"], signals["di_q"])
-    steep = highest(low_pass(slope, rate, prepared.cutoff), 2 * round(0.5 * rate / prepared.cutoff) + 1)
+    slope = low_pass(np.hypot(signals["di_d"], signals["di_q"]), rate, prepared.cutoff)
+    steep = highest(slope, 2 * round(0.5 * rate / prepared.cutoff) + 1)
     wrong = np.hypot(WRONG_INDUCTIVE * L * steep[prepared.keep], WRONG_VOLTAGE * np.abs(u))
-    return np.asarray(1.0 / (1.0 + (wrong / noise) ** 2))
+    band = np.sqrt(2.0 * prepared.cutoff / rate)
+    smooth = low_pass_each(raw, rate, UPPER * rate)
+    noises = (float(np.std(whole - slow)) * band + 1e-12 for whole, slow in zip(raw, smooth, strict=True))
+    return [np.asarray(1.0 / (1.0 + (wrong / noise) ** 2)) for noise in noises]
 
 
 def prefilter(prepared: Prepared) -> float:
