@@ -15,12 +15,16 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import beyond
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.linalg import Added
-from pmsm_ctrl.regression.columns import SINGLE, effect_group
+from pmsm_ctrl.regression.columns import SINGLE, effect_group, forget_effects
 from pmsm_ctrl.regression.conditioning import default_cutoff
 from pmsm_ctrl.regression.evaluated import without_stretches
 from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = ["conditioned_in", "unlike_in_half", "without_events"]
+
+
+# Samples of the thinned grid beyond which hundreds of columns are not kept beside a second record: they are larger.
+FEW = 30_000
 
 
 def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = False) -> Refusal | None:
@@ -43,6 +47,8 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = Fal
         return None
     wave = bool(one.effect.order or one.effect.electrical_order)
     default = default_cutoff(case.record.prepared.rate)  # a wider one is that of the fast part of the drive signal
+    if len(case.record.mask) > FEW:
+        forget_effects(case.record)
     half = conditioned_in(0.5 * (case.record.cutoff if wave else min(case.record.cutoff, default)), case)
     unknown = Refusal(Reason.OTHER_BAND, {"percent": 0.0}) if surely and not wave else None
     if half is None:

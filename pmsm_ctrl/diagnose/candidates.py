@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,16 +44,22 @@ class Candidate:
 
     def free(self, shape: Mapping[str, float]) -> list[str]:
         """Return the nonlinear parameters of a shape that the search settles."""
-        return varied(self.grid, shape)
+        return [name for name in shape if name in self._varied]
+
+    # Asked of every shape of the grid.
+    @cached_property
+    def _varied(self) -> frozenset[str]:
+        return frozenset(name for name in set().union(*self.grid) if len(varied(self.grid, (name,))))
 
 
-def varied(grid: Sequence[Mapping[str, float]], shape: Mapping[str, float]) -> list[str]:
+def varied(grid: Sequence[Mapping[str, float]], shape: Iterable[str]) -> list[str]:
     """Return the names of a shape that have several values in a grid, in which not all shapes have the same names.
 
     Parameters
     ----------
     grid : sequence of mapping
-    shape : mapping
+    shape : iterable of str
+        The names.
     """
     return [name for name in shape if len({one[name] for one in grid if name in one}) > 1]
 
@@ -92,7 +99,8 @@ def candidates_for(
     def orders(highest: int) -> Array:
         slow = order_spectrum(record.prepared, residual, record.mask, record.weight[0], highest, friction=False)[1]
         score = np.maximum(slow, passing_orders(record, residual, highest))
-        score[np.arange(1, highest + 1) * view.travel < TWO_PERIODS] = 0.0  # a part of a turn, however often
+        travel = float(np.ptp(record.signals["theta"]))  # not by the view: a circle of references would keep the record
+        score[np.arange(1, highest + 1) * travel < TWO_PERIODS] = 0.0  # a part of a turn, however often
         return score
 
     view = LogView(record, residual, orders)

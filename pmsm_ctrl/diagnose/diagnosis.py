@@ -228,9 +228,10 @@ def in_narrower_bands(case: Case) -> Iterator[Case]:
     default = default_cutoff(case.record.prepared.rate)
     for band in (default, 0.5 * default):
         other = conditioned_in(band, case) if case.record.cutoff >= NARROWER * band else None
-        if other is not None:
-            said = words.NARROWER_BAND(band=band, usual=case.record.cutoff)
-            yield without_what_happened_once(replace(other, surely=True, remarks=(*other.remarks, said)))
+        if other is not None and other.believed is not None:
+            fast = orders_beyond(other.as_given, other.believed.log, other.record.cutoff)
+            said = (*fast, *other.remarks, words.NARROWER_BAND(band=band, usual=case.record.cutoff))
+            yield without_what_happened_once(replace(other, surely=True, remarks=tuple(dict.fromkeys(said))))
 
 
 def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) -> tuple[Case, Diagnosis]:
@@ -238,9 +239,11 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
     again = partial(_select, progress=lambda share: progress(0.9))
     selection = swap(case, selection, again)
     case, selection = conditioned_again(case, selection, lambda other: swap(other, again(other), again))
-    selection = with_sampling_told(case, selection)
     forget_effects(case.record)  # hundreds of columns that no test of a candidate needs any more
     case.fits.clear()
+    if selection.steps:
+        case.bands.clear()  # nothing is looked for in a narrower band
+    selection = with_sampling_told(case, selection)
     selection = selection.with_last_candidates()
     last = with_profiles(case.design, with_shapes_fitted(case.design, selection.fit))
     last = last.judging_itself() if len(last.record.mask) > SINGLE else last
@@ -376,9 +379,9 @@ def condition(
             first.record.cutoff, first.record.timing, first.record.age,
         ):  # fmt: skip
             return replace(first, record=record, conditioned_with=None, events=(), fits=[])
-    fast = orders_beyond(design, believed.log, record.cutoff)
     others: list[Record] = []
-    remarks = list(fast)
+    # a band in which a name is checked says nothing of its own; see `in_narrower_bands`
+    remarks = [] if band else list(orders_beyond(design, believed.log, record.cutoff))
     for holdout in holdouts:
         held_out = doubts_about(design, holdout)
         same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, holdout.rate / 8.0))
