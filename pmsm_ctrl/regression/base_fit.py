@@ -20,7 +20,7 @@ from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.lateness import lateness, with_sampling_bounded
 from pmsm_ctrl.regression.model import OWN, Model, Solved, base_groups, solve_model, with_torque_held
-from pmsm_ctrl.regression.saturated import Saturated, rough_weights, saturated, whiteners
+from pmsm_ctrl.regression.saturated import Saturated, rough_solution, rough_weights, saturated, whiteners
 from pmsm_ctrl.regression.spread import with_spread
 
 __all__ = [
@@ -57,7 +57,7 @@ class Settled:
     model : Model
         With the sampling of the drive signal inside what is possible.
     rough : Solved
-        By rough weights.
+        By rough weights; without bases and residual.
     notes : tuple of str
         Effects of the design that this log cannot evaluate.
     left : Saturated
@@ -169,20 +169,21 @@ def settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...]
 def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...], settled: bool) -> Settled:
     record = with_bristles(design, record, accepted)
     model, notes = assembled(design, record, accepted, settled)
-    rough = solve_model(record, with_torque_held(record, model), rough_weights(record, saturated(record, model)))
+    left = saturated(record, model)
+    rough = rough_solution(record, with_torque_held(record, model), left, rough_weights(record, left))
     for _ in range(PASSES):
         torque, late = true_torque(model, rough), delay_of(model, rough.values)
-        del model, rough  # the matrix of a long log is large: the next one takes its place
+        del model, rough, left  # the matrix of a long log is large: the next one takes its place
         record = with_modelled_torque(record, torque, late)
         model, notes = assembled(design, record, accepted, settled)
         model = with_torque_held(record, model, OWN)
         left = saturated(record, model)
         weights = rough_weights(record, left)
-        rough = solve_model(record, model, weights)
+        rough = rough_solution(record, model, left, weights)
         held = with_sampling_bounded(record, model, rough, float(weights.sigma[0])) if settled else model
         if held is not model:
             model = held
-            rough = solve_model(record, model, weights)
+            rough = rough_solution(record, model, left, weights)
         if abs(delay_of(model, rough.values) - (record.late or 0.0)) < LATE * record.period:
             break
     return Settled(record, model, rough, notes, left)

@@ -15,7 +15,7 @@ the test of least squares: J. A. Hausman, Econometrica 46 (1978) 1251.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 
@@ -42,6 +42,7 @@ SHIFTS = (-3, -2, -1, 0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 # Times after the reference, s, at which the axis may change its direction.
 TURNS = (0.0, 0.01, 0.03)
 RANK = 1e-6  # of the largest singular value
+MOST_KEPT = 4e6  # bytes of instruments that are kept from one fit to the next
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def by_reference(record: Record, model: Model, sigma: float) -> ReferenceEstimat
     size = np.linalg.norm(seen, axis=0)
     seen /= size
     measured = seen[:, noisy]
-    seen[:, noisy] = _projected(measured, _weighted_instruments(record, model, names, entering, weight))
+    seen[:, noisy] = _projected(record, measured, lambda: _weighted_instruments(record, model, names, entering, weight))
     known = np.where(np.isfinite(model.sigma[entering]), model.sigma[entering], np.inf)
     known[[k for k, name in enumerate(names) if name == "J" or (name == LATENESS and not record.sampling_stated)]] = (
         np.inf
@@ -133,14 +134,22 @@ def _weighted_instruments(
     return made[:count].T
 
 
-def _projected(columns: Array, instruments: Array) -> Array:
-    """Return the projection of columns on the instruments, shape (m, k)."""
-    _, singular, turn = np.linalg.svd(
-        triangle(instruments[some] for some in in_blocks(len(columns))), full_matrices=False
-    )
-    told = singular > RANK * singular[0]
-    turned = turn[told].T / singular[told]
-    return np.asarray(instruments @ (turned @ (turned.T @ (instruments.T @ columns))))
+def _projected(record: Record, columns: Array, instruments: Callable[[], Array]) -> Array:
+    """Return the projection of columns on the instruments, shape (m, k).
+
+    The instruments follow from the reference, the speed and the weights alone, and are the same in every fit.
+    """
+    key = ("instruments",)
+    if key not in record.kept:
+        made = instruments()
+        _, singular, turn = np.linalg.svd(triangle(made[some] for some in in_blocks(len(columns))), full_matrices=False)
+        told = singular > RANK * singular[0]
+        turned = turn[told].T / singular[told]
+        if made.nbytes > MOST_KEPT:
+            return np.asarray(made @ (turned @ (turned.T @ (made.T @ columns))))
+        record.kept[key] = made @ turned
+    basis: Array = record.kept[key]
+    return np.asarray(basis @ (basis.T @ columns))
 
 
 def _errors(seen: Array, prior: Array, inverse: Array, left: tuple[Array, Array]) -> Array:
@@ -184,5 +193,9 @@ def _of_speed(model: Model, names: list[str], entering: NDArray[np.int64]) -> It
 
 def _shifted(values: Array, shift: int) -> Array:
     """Return values later by so many samples, the ends continued."""
-    at = np.clip(np.arange(len(values)) - shift, 0, len(values) - 1)
-    return values[at]
+    out, by = np.empty_like(values), min(abs(shift), len(values) - 1)
+    if shift >= 0:
+        out[:by], out[by:] = values[0], values[: len(values) - by]
+    else:
+        out[: len(values) - by], out[len(values) - by :] = values[by:], values[-1]
+    return out

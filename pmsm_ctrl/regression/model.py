@@ -258,7 +258,7 @@ def base_groups(
     groups += [Group(None, (term.name,), columns[term.name], {}, sampling=True) for term in timing]
     terms += timing
     nominal, sigma, doubt = [term.nominal for term in terms], [term.sigma for term in terms], {}
-    if noise_share(record, record.acceleration()) >= MOST_NOISE:
+    if noise_share(record, record.acceleration(), record.shaft_noise()) >= MOST_NOISE:
         nominal[0], doubt[0] = slow_inertia(design, record, sigma[0])
         sigma[0] = HELD * nominal[0]
     notes = []
@@ -386,10 +386,10 @@ def known(model: Model, values: Array) -> Known:
     return Known(float(values[model.names.index("J")]), F_c, dry)
 
 
-def noise_share(record: Record, alpha: Array) -> float:
+def noise_share(record: Record, alpha: Array, noise: float | None = None) -> float:
     """Share of noise in the acceleration where it counts: noise makes an estimated inertia too small by that share."""
-    weight = (record.weight[0] * record.mask) ** 2
-    return float(record.noise_of(alpha) ** 2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
+    weight, noise = (record.weight[0] * record.mask) ** 2, record.noise_of(alpha) if noise is None else noise
+    return float(noise**2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
 
 
 def _winding(design: Design, record: Record) -> Iterator[_Term]:

@@ -12,14 +12,23 @@ from pmsm_ctrl.evidence.linalg import gram_of, projection_on_all
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group
-from pmsm_ctrl.regression.model import Model
+from pmsm_ctrl.regression.model import Model, Solved, solve_model
 from pmsm_ctrl.regression.two_stage import gram_beside_held
 
-__all__ = ["FEWEST_DIRECTIONS", "SAMPLES_PER_DIRECTION", "Saturated", "rough_weights", "saturated", "whiteners"]
+__all__ = [
+    "FEWEST_DIRECTIONS",
+    "SAMPLES_PER_DIRECTION",
+    "Saturated",
+    "rough_solution",
+    "rough_weights",
+    "saturated",
+    "whiteners",
+]
 
 Array = NDArray[np.float64]
 
 MOST_KEPT = 20e6  # bytes of hat functions that are kept from one fit to the next
+APART = 1e-8  # smallest over largest eigenvalue of products that are solved on
 KNOTS = 10  # of the hat functions of speed and of time in the saturated model
 # Effective samples that the saturated model leaves for each of its directions, and the fewest directions it keeps.
 SAMPLES_PER_DIRECTION, FEWEST_DIRECTIONS = 8.0, 10
@@ -121,6 +130,40 @@ def whiteners(record: Record, residual: Array, rank: int) -> tuple[Whitener, Whi
     """
     noise = residual, record.weight, record.mask, record.rate, rank
     return make_whitener(*noise), make_whitener(*noise, 0)
+
+
+def rough_solution(record: Record, model: Model, left: Saturated, weights: Whitener) -> Solved:
+    """Solve a model by weights alone, with the products of columns that its saturated model was fitted by.
+
+    It has no bases and no residual. Where its columns are nearly dependent it is solved on the columns themselves:
+    products square what rounding does there.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+    left : Saturated
+        Of these columns, no other group in it; whatever is known of their values.
+    weights : Whitener
+    """
+    count = len(model.sigma)
+    gram, right = np.diag(model.sigma**-2.0), model.nominal * model.sigma**-2.0
+    for whole, inside, sigma in zip(left.grams, left.entering, weights.sigma.tolist(), strict=True):
+        end = 1 + len(inside)
+        gram[np.ix_(inside, inside)] += whole[1:end, 1:end] / sigma**2
+        right[inside] += whole[1:end, 0] / sigma**2
+    size = np.sqrt(np.diag(gram))
+    there = size > 0.0
+    size = size[there]
+    powers, vectors = np.linalg.eigh(gram[np.ix_(there, there)] / np.outer(size, size))
+    if powers[0] <= APART * powers[-1]:
+        return solve_model(record, model, weights)
+    inverse = np.zeros((count, len(size)))
+    inverse[there] = vectors / np.sqrt(powers) / size[:, None]
+    stderr = np.sqrt(np.sum(inverse**2, axis=1))
+    none = np.zeros((0, count))
+    rows = len(weights.channels) * len(weights.used)
+    return Solved(model, inverse @ (inverse.T @ right), stderr, none[:, 0], rows, inverse, (), none, none, none[:, 0])
 
 
 def rough_weights(record: Record, left: Saturated) -> Whitener:

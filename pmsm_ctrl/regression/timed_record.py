@@ -263,10 +263,14 @@ def _spread_out(record: Record, fit: Estimated) -> bool:
     By the reference as well, where there is one: noise that the controller responds to makes it too large by least
     squares.
     """
+    least = record.sampling**2 / 24.0 - record.timing.spread
+    if fit.level(SPREAD) <= least:  # whatever its standard error
+        return False
+    value, stderr = fit.value(SPREAD)
+    if value - least <= SURE * stderr:
+        return False
     estimates = by_reference(fit.record, fit.model, float(fit.weights.sigma[0]))
-    found = [fit.value(SPREAD), *([] if estimates is None else [estimates.spread])]
-    mean = record.sampling**2 / 24.0
-    return all(record.timing.spread + value - mean > SURE * stderr for value, stderr in found)
+    return estimates is None or estimates.spread[0] - least > SURE * estimates.spread[1]
 
 
 def _sharpened(design: Design, made: Made, record: Record) -> tuple[Record, Estimated]:
