@@ -211,15 +211,16 @@ def bench(noise: Noise, t: Array, residual: Array, columns: Sequence[Array], gap
 
     `gap` is the least time left out on either side of a block, s; noise with a longer memory takes more.
     """
-    both = np.empty((int(noise.mask.sum()), 1 + len(columns)))
+    both = np.empty((1 + len(columns), int(noise.mask.sum())))  # a column's samples side by side
     white = np.empty_like(both)
     for k, column in enumerate((residual, *columns)):  # one at a time: on a long log each copy of them all is large
-        used = column[noise.mask]
+        both[k] = used = column[noise.mask]
         if k:
-            used /= max(float(np.sqrt(np.mean(used**2))), 1e-300)
-        both[:, k], white[:, k] = used, noise.whitener(used[None])[0]
+            both[k] /= max(float(np.sqrt(np.mean(used**2))), 1e-300)
+        white[k] = noise.whitener(both[k : k + 1])[0]
     gap = min(LONGEST_GAP, max(MEMORIES * noise.whitener.memory, gap))
-    return Bench(t[noise.mask], both, white, both.T @ both, white.T @ white, gap, len(both) - noise.rank)
+    free = both.shape[1] - noise.rank
+    return Bench(t[noise.mask], both.T, white.T, both @ both.T, white @ white.T, gap, free)
 
 
 def _beyond(gram: Array, base: Index, own: Index) -> tuple[Array, int, float]:
