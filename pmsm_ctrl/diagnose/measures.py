@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,7 @@ __all__ = [
     "record_deviation",
     "ripple_gain",
     "seen_beyond",
+    "sized",
     "slight",
     "sound_error",
     "squares",
@@ -45,6 +47,7 @@ __all__ = [
     "weighted_errors",
     "winding_deviation",
     "winding_return",
+    "with_rivals",
 ]
 
 Array = NDArray[np.float64]
@@ -77,12 +80,9 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
         What is left of its gain with all of its columns; 1 where rivals resemble the effect by nature.
     found : CrossValidation
     """
-    effect, record = trial.candidate.effect, fit.record
-    parts = effect.structure.rivals(effect, trial.group.shape, record)
-    if not parts:
+    effect, record, model = trial.candidate.effect, fit.record, with_rivals(fit, trial)
+    if model is None:
         return None
-    symbols = tuple(f"rival {k + 1}" for k in range(len(parts)))
-    model = fit.model.plus(Group(None, symbols, record.stack_all(parts), {}), 1.0)
     solved = solve_model(record, model, fit.whitener)
     own = try_group(solved, fit.whitener, trial.candidate, trial.group)
     gains = blocked_gain(record, solved, fit.whitener, trial.group, own.direction, fit.whitener.memory)
@@ -93,6 +93,16 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
         left = try_group(plain, fit.weights, trial.candidate, whole.group)
         share = left.gain / max(whole.gain, 1e-300)
     return min(1.0, own.p_value * len(fit.trials)), share, found
+
+
+def with_rivals(fit: Fitted, trial: Trial) -> Model | None:
+    """Return the model with what must not be taken for a trial, as large as it may be; None without such rivals."""
+    effect, record = trial.candidate.effect, fit.record
+    parts = effect.structure.rivals(effect, trial.group.shape, record)
+    if not parts:
+        return None
+    symbols = tuple(f"rival {k + 1}" for k in range(len(parts)))
+    return fit.model.plus(Group(None, symbols, record.stack_all(parts), {}), 1.0)
 
 
 def ripple_gain(fit: Fitted, trial: Trial) -> float:
@@ -312,6 +322,26 @@ def as_a_whole(fit: Fitted, trial: Trial) -> Trial:
     group = effect_group(fit.record, trial.candidate.effect, trial.group.shape)
     whole = try_group(fit.plain, fit.weights, trial.candidate, beside_held(group, fit.model.responses))
     return refine(fit.record, fit.plain, fit.weights, whole)
+
+
+def sized(fit: Fitted, trial: Trial, least: float) -> Trial:
+    """Return the trial by which an effect is sized: all of its columns where those beyond noise explain most.
+
+    Beside the rivals: what they explain as well is no part of either.
+
+    Parameters
+    ----------
+    fit : Fitted
+    trial : Trial
+    least : float
+        That part of what the whole explains, at least.
+    """
+    if not trial.candidate.effect.structure.judged_in_part:
+        return trial
+    whole, model = as_a_whole(fit, trial), with_rivals(fit, trial)
+    beside = fit.plain if model is None else solve_model(fit.record, model, fit.weights)
+    part, all_of_it = (try_group(beside, fit.weights, trial.candidate, one.group).gain for one in (trial, whole))
+    return replace(whole, plain_gain=whole.gain) if part > least * all_of_it else trial
 
 
 def weighted_errors(fit: Fitted) -> dict[str, float]:

@@ -76,7 +76,7 @@ class Policy:
         are known well, or over all of them. Set on: worlds; machines, where a dead time of 0.02 V was named.
     left_inside : float
         Share of what an effect explains that must be left when no base parameter leaves its bounds: most of it. A
-        convention.
+        gap is sized as a whole where its part beyond the noise explains this share of it. A convention.
     returned, impossible : float
         Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect, or the levels of
         several records to each other. A return of more than `returned` is reported, and no error has to fall then. For

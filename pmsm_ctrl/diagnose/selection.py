@@ -27,6 +27,7 @@ from pmsm_ctrl.diagnose.measures import (
     prewhitened_error,
     record_deviation,
     ripple_gain,
+    sized,
     slight,
     sound_error,
     typical_error,
@@ -351,6 +352,9 @@ def _judge_trial(
         told = band > policy.excess and not trial.by_weights
         excess = max(excess, band, excess_of(fit.solved, trial, trial.gain)[1] if told else 0.0)
     refusal = criteria.size(share, explained, excess, policy, minor_too and not memory)
+    if refusal is not None and (larger := sized(fit, trial, policy.left_inside)) is not trial:
+        share, (explained, excess) = contribution(fit, larger), excess_of(fit.plain, larger, larger.plain_gain)
+        refusal = criteria.size(share, explained, excess, policy)
     if refusal is None and not has_own_order(fit, trial):
         refusal = criteria.beside_larger(share, largest, policy)
     if refusal is not None:

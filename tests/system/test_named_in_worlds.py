@@ -92,3 +92,19 @@ def test_friction_that_falls_to_a_fifth_is_stribeck_friction() -> None:
     (step,) = diagnose(world.design, log, plan=False).steps
     assert step.effect == "stribeck"
     assert step.parameters["dF_s"].value == pytest.approx(hidden["stribeck"], rel=0.1)
+
+
+def test_a_gap_is_sized_as_a_whole_where_noise_is_not_most_of_it() -> None:
+    """The samples in which its load moves otherwise than the shaft by more than noise hold 43 % of the excess."""
+    world = draw(1010102)  # margin 3.0
+    values = {"gap": 8.391780e-3, "load_inertia": 3.158569e-3, "stiffness": 2805.6445, "damping": 1.1907525}
+    (step,) = diagnose(world.design, simulate_world(world, values), plan=False).steps
+    assert step.effect == "backlash"
+    assert step.parameters["gap"].value == pytest.approx(values["gap"], rel=0.2)
+
+
+@pytest.mark.slow
+def test_a_gap_most_of_which_noise_could_be_beside_its_rivals_is_none() -> None:
+    """A torque command and an angle of 512 steps: as a whole a gap would explain 60 % of the excess."""
+    world = draw(910129)
+    assert not diagnose(world.design, simulate_world(world), plan=False).steps

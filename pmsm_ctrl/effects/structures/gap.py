@@ -51,6 +51,8 @@ class Gap(Transmission):
         The parameter of the gap between the flanks, rad.
     unlike_rivals : bool
         No rival opens and closes.
+    judged_in_part : bool
+        A load that has struck a flank follows the shaft nearly as noise would have it.
     amounts_are_linear : bool
         The size of the column is that of the load, not that of the gap.
     """
@@ -59,6 +61,7 @@ class Gap(Transmission):
     has_gap: ClassVar[bool] = True
     most_damped: ClassVar[float] = STUCK
     unlike_rivals: ClassVar[bool] = True
+    judged_in_part: ClassVar[bool] = True
     amounts_are_linear: ClassVar[bool] = False
 
     def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:

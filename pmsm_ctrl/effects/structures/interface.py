@@ -171,6 +171,8 @@ class Structure(ABC):
     unlike_rivals : bool
         Whether no rival can resemble the effect's column: most of what it explains must be left beside them. Not that
         of a spring: far below its resonance its response is as smooth in the frequency as theirs.
+    judged_in_part : bool
+        Whether the effect is judged by the samples alone in which noise cannot be it. In a model it acts on all.
     refined_when_taken : bool
         Whether the shape is refined as soon as the effect is in: its candidate left out what is noise.
     """
@@ -182,6 +184,7 @@ class Structure(ABC):
     amounts_are_linear: ClassVar[bool] = True
     offered_apart: ClassVar[bool] = False
     unlike_rivals: ClassVar[bool] = False
+    judged_in_part: ClassVar[bool] = False
     refined_when_taken: ClassVar[bool] = False
 
     @property

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pmsm_ctrl.diagnose import measures
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.measures import (
     contribution,
@@ -17,11 +18,13 @@ from pmsm_ctrl.diagnose.measures import (
     plain_errors,
     record_deviation,
     seen_beyond,
+    sized,
     typical_error,
     weighted_errors,
     winding_deviation,
     winding_return,
 )
+from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.regression.model import solve_on_factors
 
 REST = np.array([3.0, -1.0, 2.0, 4.0, 5.0, 6.0])  # three rows of the log, then the priors of J, R and psi_f
@@ -138,3 +141,29 @@ def test_the_same_effects_of_the_same_shapes_are_not_fitted_twice(monkeypatch: p
     case.fit(other)  # type: ignore[arg-type]
     assert made == [other]
     assert case.holdout_errors(kept) == {}
+
+
+@pytest.mark.parametrize(("in_part", "part", "taken"), [(True, 51.0, True), (True, 49.0, False), (False, 51.0, False)])
+def test_an_effect_is_sized_as_a_whole_where_most_of_it_is_beyond_noise(
+    monkeypatch: pytest.MonkeyPatch, in_part: bool, part: float, taken: bool
+) -> None:
+    """The part is compared with the whole beside the rivals: without them it would be 10 of 300 or more."""
+    candidate: Any = SimpleNamespace(effect=SimpleNamespace(structure=SimpleNamespace(judged_in_part=in_part)))
+    judge: Any = (None, None)
+
+    def trial(name: Any, gain: float) -> Trial:
+        return Trial(candidate, name, gain, gain, 0.0, np.ones(1), np.ones(1), judge, plain_gain=10.0)
+
+    def beside(solved: Any, weights: Any, candidate: Any, group: Any) -> Any:
+        assert solved == "solved beside the rivals"
+        return SimpleNamespace(gain={"part": part, "whole": 100.0}[group])
+
+    seen, whole = trial("part", 10.0), trial("whole", 300.0)
+    monkeypatch.setattr(measures, "as_a_whole", lambda fit, trial: whole)
+    monkeypatch.setattr(measures, "with_rivals", lambda fit, trial: "model with rivals")
+    monkeypatch.setattr(measures, "solve_model", lambda record, model, weights: "solved beside the rivals")
+    monkeypatch.setattr(measures, "try_group", beside)
+    fit: Any = SimpleNamespace(record=None, weights=None, plain=None)
+    found = sized(fit, seen, 0.5)
+    assert found.group == ("whole" if taken else "part")
+    assert found.plain_gain == (300.0 if taken else 10.0)
