@@ -19,7 +19,7 @@ from pmsm_ctrl.kernels import OPTIONS, cache_folder, soundly_cached
 if TYPE_CHECKING:
     from pmsm_ctrl.effects.base import Effect
 
-__all__ = ["called", "column", "columns", "compiled_loop"]
+__all__ = ["called", "column", "columns", "columns_less_noise", "compiled_loop"]
 
 Array = NDArray[np.float64]
 
@@ -90,6 +90,43 @@ def columns(
     return dict(zip(linear, parts, strict=True)), rest
 
 
+def columns_less_noise(
+    effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping[str, float], name: str, noise: Array
+) -> dict[str, Array]:
+    """Return the columns of `columns`, less what noise of one signal adds to them in the mean, to second order.
+
+    That is ``2 f(x) - (f(x + noise) + f(x - noise)) / 2``, in one pass: most of the time goes into sines and cosines of
+    the angle, which all three have in common.
+
+    Parameters
+    ----------
+    effect : Effect
+        With linear parameters.
+    signals, parameters
+        As for `columns`.
+    name : str
+        The signal that is noisy.
+    noise : array, shape (n,)
+        Its standard deviation.
+
+    Returns
+    -------
+    dict of symbol to array, shape (n,) or (2, n)
+    """
+    arrays, n = _broadcast(effect, signals)
+    linear = [p.symbol for p in effect.linear]
+    values = _values(effect, {**parameters, **dict.fromkeys(linear, 0.0)})
+    key = "less noise", effect.term, tuple(linear), name
+    loop = _LOOPS.get(key)
+    if loop is None:
+        loop = _LOOPS[key] = _columns_loop(effect, linear, name)
+    width = len(effect.channels)
+    out = np.empty((width * len(linear), n))
+    loop(out, *arrays, np.ascontiguousarray(noise), *values)
+    parts = out.reshape(len(linear), width, n) if width > 1 else out
+    return dict(zip(linear, parts, strict=True))
+
+
 def _values(effect: Effect, parameters: Mapping[str, float]) -> list[float]:
     """Parameters of a term in the order of its arguments."""
     values = []
@@ -156,37 +193,61 @@ def compiled_loop(
     return _LOOPS[key], symbols
 
 
-def _columns_loop(effect: Effect, linear: Sequence[str] | None = None) -> Callable[..., Any]:
+def _columns_loop(
+    effect: Effect, linear: Sequence[str] | None = None, noisy: str | None = None
+) -> Callable[..., Any]:  # fmt: skip
     """Return the loop over the term's arguments, signals first, compiled for arrays.
 
     With the linear parameters, it gives the term without them, and then what each of them adds: one pass, in which the
-    compiler works out once what all of these have in common.
+    compiler works out once what all of these have in common. With a noisy signal, whose noise comes behind the signals,
+    it gives what each of them adds, less what the noise does.
     """
-    given = [*effect.signals, *(name for name in effect.arguments if name not in SIGNALS)]
+    own = [name for name in effect.arguments if name not in SIGNALS]
+    signals = [*effect.signals, *(["_noise"] if noisy else ())]
     at = {name: f"{name}[_at]" for name in effect.signals}
     width = len(effect.channels)
+    places = [at, *({**at, noisy: f"{noisy}[_at] {sign} _noise[_at]"} for sign in "+-" if noisy)]
     # all into locals before anything is stored: a store ends what the compiler remembers of a sine
-    calls = [called(effect, **at), *(called(effect, **at, **{symbol: "1.0"}) for symbol in linear or ())]
-    lines = [f"{_names(width, part)} = {call}" for part, call in enumerate(calls)]
-    lines += [
-        f"_out[{part * width + row}, _at] = _{part}_{row}{f' - _0_{row}' if part else ''}"
-        for part in range(len(calls))
-        for row in range(width)
+    lines = [
+        f"{_names(width, part, which)} = {call}"
+        for which, place in enumerate(places)
+        for part, call in enumerate(
+            [called(effect, **place), *(called(effect, **place, **{symbol: "1.0"}) for symbol in linear or ())]
+        )
     ]
-    head = f"def loop(_out, {', '.join(given)}):\n    for _at in range(_out.shape[1]):\n"
+    count = 1 + len(linear or ())
+    if noisy:
+        lines += [
+            f"_out[{(part - 1) * width + row}, _at] = 2.0 * {_added(part, row, 0)}"
+            f" - 0.5 * ({_added(part, row, 1)} + {_added(part, row, 2)})"
+            for part in range(1, count)
+            for row in range(width)
+        ]
+    else:
+        lines += [
+            f"_out[{part * width + row}, _at] = {_added(part, row, 0) if part else f'_0_0_{row}'}"
+            for part in range(count)
+            for row in range(width)
+        ]
+    head = f"def loop(_out, {', '.join((*signals, *own))}):\n    for _at in range(_out.shape[1]):\n"
     text = head + "".join(f"        {line}\n" for line in lines)
-    loop: Any = _compiled(effect, "column" if linear is None else "columns", text)
+    loop: Any = _compiled(effect, "column" if linear is None else "less_noise" if noisy else "columns", text)
     if hasattr(loop, "py_func"):
         array = numba.types.Array(numba.types.float64, 1, "C", readonly=True)
-        scalars = [numba.types.float64] * (len(effect.arguments) - len(effect.signals))
-        loop.compile(numba.types.void(numba.float64[:, ::1], *([array] * len(effect.signals)), *scalars))
+        scalars = [numba.types.float64] * len(own)
+        loop.compile(numba.types.void(numba.float64[:, ::1], *([array] * len(signals)), *scalars))
         loop.disable_compile()
     compiled: Callable[..., Any] = loop
     return compiled
 
 
-def _names(width: int, part: int) -> str:
-    return ", ".join(f"_{part}_{row}" for row in range(width))
+def _names(width: int, part: int, which: int) -> str:
+    return ", ".join(f"_{which}_{part}_{row}" for row in range(width))
+
+
+def _added(part: int, row: int, which: int) -> str:
+    """What a linear parameter adds to one channel of the term."""
+    return f"(_{which}_{part}_{row} - _{which}_0_{row})"
 
 
 def _compiled(effect: Effect, kind: str, text: str) -> Any:

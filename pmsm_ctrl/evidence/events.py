@@ -185,13 +185,15 @@ def _judged(
     places = np.arange(len(weight))
     inside = (places >= one.start) & (places < one.stop)
     shape = (direction if one.along else np.ones(len(weight))) * weight
-    explained, values, own, left = _gain((inside * shape)[:, None], target, basis)
     n, count = one.stop - one.start, int(np.count_nonzero(weight))
     counted = np.flatnonzero(weight)
     around = min(np.count_nonzero(counted < one.start), np.count_nonzero(counted >= one.stop))
     if around < max(n // 4, MARGIN * count):  # it departs and returns
         return None
-    if np.count_nonzero(shape[inside]) < USED * n or own < rules.own or n > LONGEST * count or explained <= 0.0:
+    if np.count_nonzero(shape[inside]) < USED * n or n > LONGEST * count:
+        return None
+    explained, values, own, left = _gain((inside * shape)[:, None], target, basis)
+    if own < rules.own or explained <= 0.0:
         return None
     outside = ~inside
     short = min(n, max(4, count // (2 * FEWEST)))  # enough means for a null

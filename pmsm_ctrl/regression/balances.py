@@ -36,7 +36,7 @@ from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
 from pmsm_ctrl.regression.notices import LONG_LOG, TORQUE_JUMPS
 from pmsm_ctrl.regression.thinning import interpolated
-from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual, time_in_gaps
+from pmsm_ctrl.regression.timing import ending_steadily, punctual, time_in_gaps
 from pmsm_ctrl.regression.weights import Weighing, at_given_rate, on_grid, quantisation_error, voltage_weights
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit, drives
@@ -364,7 +364,6 @@ def _made(
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
-    signals["t"] = own_time(log, prepared.t)
     signals["alpha"] = prepared.alpha
     if "i_q" in signals:
         signals.setdefault("i_d", np.zeros_like(signals["i_q"]))
@@ -378,7 +377,7 @@ def _made(
     if "omega_ref" in log or "theta_ref" in log:
         told = on_grid(log, prepared, "omega_ref" if "omega_ref" in log else "theta_ref")
         signals["omega_ref"] = told if "omega_ref" in log else derivative(told, 1.0 / prepared.rate)
-    _add_slopes(signals, prepared)
+    _add_slopes(signals, prepared, raw)
     load = signals.get("T_load", np.zeros_like(prepared.t))
     driving = signals["torque"] - load
     smooth, fast = (torque - load for torque in acting_torques(design, log, prepared))
@@ -432,11 +431,12 @@ def _edges(prepared: Prepared) -> Mask:
     return inside
 
 
-def _add_slopes(
-    signals: dict[str, Array], prepared: Prepared, names: Sequence[str] = ("i_d", "i_q", "i_q_wide")
-) -> None:
-    for name in names:
-        if name in signals:
+def _add_slopes(signals: dict[str, Array], prepared: Prepared, known: Mapping[str, Array]) -> None:
+    """Add the slopes of the currents that are others than the known ones, whose slopes are there."""
+    for name in ("i_d", "i_q", "i_q_wide"):
+        if name == "i_q_wide" and signals.get(name) is signals["i_q"]:
+            signals["di_q_wide"] = signals["di_q"]
+        elif name in signals and signals[name] is not known.get(name):
             signals[f"d{name}"] = derivative(signals[name], 1.0 / prepared.rate)
 
 
@@ -466,7 +466,7 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
     if "u_d" in record.channels:
         signals["i_q_wide"] = signals["i_q"] + _beyond_band(record, "i_q_meas", late)
         signals["i_q_whole"] = signals["i_q"] + _beyond_band(record, "i_q_logged", late)
-    _add_slopes(signals, record.prepared, ("i_q", "i_q_wide"))  # i_d is the measured one still
+    _add_slopes(signals, record.prepared, record.signals)
     return replace(record, signals=signals, late=late, memo={})
 
 

@@ -214,7 +214,7 @@ def seen_as_candidate(record: Record, group: Group, offered: bool = False) -> Gr
     offered : bool
         Whether the columns are those of the model of all candidates.
     """
-    if group.effect is None:
+    if group.effect is None or not group.effect.structure.judges(group.effect):
         return group
     values, structure = group.values, group.effect.structure
     of = structure.offered if offered else structure.judged

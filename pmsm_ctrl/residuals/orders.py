@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,62 @@ def waves(theta: Array, orders: Sequence[int]) -> Array:
     return np.column_stack([f(k * theta) for k in orders for f in (np.cos, np.sin)])
 
 
+@dataclass(frozen=True, eq=False)
+class _Waves:
+    """The waves of all orders on the samples that count, slow ones first: all of a spectrum but the residual.
+
+    Attributes
+    ----------
+    slow : int array, shape (n,)
+        The samples, in the order of their speed.
+    cosine, sine, w, d : array, shape (n,)
+        Of the angle; square of the weight; direction.
+    counts : int array, shape (highest,)
+        Samples slow enough for each order.
+    seen : bool array, shape (highest,)
+        Orders of which enough is seen.
+    both : bool
+        Whether waves that change their sign with the direction count.
+    solved : list
+        Filled with what is the same for every residual.
+    """
+
+    slow: NDArray[np.int64]
+    cosine: Array
+    sine: Array
+    w: Array
+    d: Array
+    counts: NDArray[np.int64]
+    seen: Mask
+    both: bool
+    solved: list[tuple[Array, Mask]] = field(default_factory=list)
+
+    def spectrum(self, residual: Array) -> tuple[Array, Array]:
+        """Return amplitude and score of every order in a residual of shape (m,); see `order_spectrum`."""
+        from pmsm_ctrl.kernels.orders import wave_sums
+
+        highest = len(self.counts)
+        amplitude, score = np.full(highest, np.nan), np.zeros(highest)
+        if not np.any(self.seen):
+            return amplitude, score
+        w, d, r = self.w, self.d, residual[self.slow]
+        products = np.column_stack([w, w * d, w * d * d, w * r, w * r * d])
+        once, twice = np.empty((highest, 2, 5)), np.empty((highest, 2, 3))
+        wave_sums(self.cosine, self.sine, products, self.counts, once, twice)
+        places, count = np.flatnonzero(self.seen), self.counts[self.seen]
+        none = np.cumsum(products, axis=0)[count - 1]
+        power = np.cumsum(w * r * r)[count - 1]
+        gram, right = _normal_equations(none, once[self.seen], twice[self.seen])
+        # where the direction hangs on the angle, the wave that is the same either way is left
+        ways = ((1, [0, 2, 3]), (2, [0, 1, 2, 3, 4, 5]))[: 1 + self.both]
+        if not self.solved:
+            self.solved.extend(_told_apart(gram[:, used][:, :, used]) for _, used in ways)
+        for (base, used), (sound, well) in zip(ways, self.solved, strict=True):
+            sizes, scores = _solved(sound, right[:, used], power, count, base)
+            amplitude[places[well]], score[places[well]] = sizes[well], scores[well]
+        return amplitude, score
+
+
 def order_spectrum(
     prepared: Prepared,
     residual: Array,
@@ -37,36 +94,24 @@ def order_spectrum(
     to pass the filter; the score is the gain of the weighted sum of squares over the residual's per sample. Residual,
     mask and weight (relative inverse noise level) have shape (m,).
     """
-    from pmsm_ctrl.kernels.orders import wave_sums
+    return _waves_of(prepared, mask, weight, highest, friction).spectrum(residual)
 
+
+def _waves_of(
+    prepared: Prepared, mask: Mask, weight: Array, highest: int = policy.HIGHEST_ORDER, friction: bool = True
+) -> _Waves:
     signed = prepared.signals["omega"][prepared.keep]
     theta, omega, direction = prepared.signals["theta"][prepared.keep], np.abs(signed), np.sign(signed)
     both = friction and bool(policy.ONE_WAY < np.mean(direction[mask] > 0.0) < 1.0 - policy.ONE_WAY)
-    amplitude, score = np.full(highest, np.nan), np.zeros(highest)
     # in order of speed, those slow enough for an order come first
     slow = np.flatnonzero(mask)[np.argsort(omega[mask], kind="stable")]
-    omega, angle, d, r = omega[slow], theta[slow], direction[slow], residual[slow]
-    w = weight[slow] ** 2
-    products = np.column_stack([w, w * d, w * d * d, w * r, w * r * d])
-    all_orders = np.arange(1, highest + 1)
-    counts = np.searchsorted(omega, 2.0 * np.pi * prepared.cutoff * policy.PASSED / all_orders)
+    omega, angle = omega[slow], theta[slow]
+    orders = np.arange(1, highest + 1)
+    counts = np.searchsorted(omega, 2.0 * np.pi * prepared.cutoff * policy.PASSED / orders)
     travelled = np.cumsum(omega / prepared.thinned_rate)
     seen = counts >= max(policy.FEWEST, 1)
-    seen[seen] = all_orders[seen] * travelled[counts[seen] - 1] >= 4.0 * np.pi
-    if not np.any(seen):
-        return amplitude, score
-    once, twice = np.empty((highest, 2, 5)), np.empty((highest, 2, 3))
-    wave_sums(np.cos(angle), np.sin(angle), products, counts, once, twice)
-    once, twice, orders, count = once[seen], twice[seen], all_orders[seen], counts[seen]
-    places = orders - 1
-    none = np.cumsum(products, axis=0)[count - 1]
-    power = np.cumsum(w * r * r)[count - 1]
-    gram, right = _normal_equations(none, once, twice)
-    # where the direction hangs on the angle, the wave that is the same either way is left
-    for base, used in ((1, [0, 2, 3]), (2, [0, 1, 2, 3, 4, 5]))[: 1 + both]:
-        sizes, scores, well = _solved(gram[:, used][:, :, used], right[:, used], power, count, base)
-        amplitude[places[well]], score[places[well]] = sizes[well], scores[well]
-    return amplitude, score
+    seen[seen] = orders[seen] * travelled[counts[seen] - 1] >= 4.0 * np.pi
+    return _Waves(slow, np.cos(angle), np.sin(angle), weight[slow] ** 2, direction[slow], counts, seen, both)
 
 
 def _normal_equations(none: Array, once: Array, twice: Array) -> tuple[Array, Array]:
@@ -92,18 +137,24 @@ def _normal_equations(none: Array, once: Array, twice: Array) -> tuple[Array, Ar
     return gram, right
 
 
-def _solved(gram: Array, right: Array, power: Array, count: NDArray[np.int64], base: int) -> tuple[Array, Array, Mask]:
-    """Amplitude and score of every order beyond the first `base` columns, and where its waves can be told apart."""
+def _told_apart(gram: Array) -> tuple[Array, Mask]:
+    """Return normal equations that can be solved, and of which orders they are: where the waves can be told apart."""
     values = np.abs(np.linalg.eigvalsh(gram))
     well = values.max(axis=1) <= 1e3 * values.min(axis=1)
-    sound = np.where(well[:, None, None], gram, np.eye(gram.shape[-1]))
+    return np.where(well[:, None, None], gram, np.eye(gram.shape[-1])), well
+
+
+def _solved(
+    sound: Array, right: Array, power: Array, count: NDArray[np.int64], base: int
+) -> tuple[Array, Array]:  # fmt: skip
+    """Amplitude and score of every order beyond the first `base` columns."""
     x = np.linalg.solve(sound, right[..., None])[..., 0]
     without = np.linalg.solve(sound[:, :base, :base], right[:, :base, None])[..., 0]
     explained = np.sum(right * x, axis=1)
     gain = explained - np.sum(right[:, :base] * without, axis=1)
-    left = (power - explained) / (count - gram.shape[-1])
+    left = (power - explained) / (count - sound.shape[-1])
     amplitude = np.hypot(x[:, base::2], x[:, base + 1 :: 2]).max(axis=1)
-    return amplitude, gain / np.maximum(left, 1e-300), well
+    return amplitude, gain / np.maximum(left, 1e-300)
 
 
 def strongest_orders(
@@ -115,7 +166,8 @@ def strongest_orders(
     spectrum has shape (2, highest): amplitude of every order, and the one that noise alone exceeds in one order of a
     hundred spectra.
     """
-    first, score = order_spectrum(prepared, residual, mask, weight)
+    all_waves = _waves_of(prepared, mask, weight)
+    first, score = all_waves.spectrum(residual)
     seen = int(np.sum(score > 0.0))
     if seen == 0:
         return np.stack([first, first]), [], 0
@@ -130,7 +182,7 @@ def strongest_orders(
         shape = waves(theta, orders)
         columns = np.hstack([shape, shape * direction[:, None], np.ones((len(theta), 1)), direction[:, None]])
         beta = factored(columns * w).solve(residual * w[:, 0])
-        _, score = order_spectrum(prepared, residual - columns @ beta, mask, weight)
+        _, score = all_waves.spectrum(residual - columns @ beta)
         score[np.array(orders) - 1] = 0.0
         if score.max() < max(policy.ORDER_SCORE, policy.ORDER_SHARE * best):
             break

@@ -280,6 +280,10 @@ class Structure(ABC):
         """Whether the columns follow from signals that are filtered already, and need not be filtered again."""
         return False
 
+    def judges(self, effect: Effect) -> bool:
+        """Whether a candidate is judged by other columns than those that are fitted; see `judged`."""
+        return type(self).judged is not Structure.judged
+
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns by which an effect not in the model yet is judged: `values`, shape (channels, m, k).
 

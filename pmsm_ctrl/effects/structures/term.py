@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.effects.evaluate import column, columns
+from pmsm_ctrl.effects.evaluate import column, columns, columns_less_noise
 from pmsm_ctrl.effects.signals import CURRENTS
 from pmsm_ctrl.effects.structures.interface import (
     Balances,
@@ -69,6 +69,10 @@ class Term(Structure):
             raise UnavailableError("it has no parameter that multiplies a column")
         slow = _slow_enough(balances, effect, shape)
         return [_entering(balances, effect, terms[symbol] * slow, shape) for symbol in self.symbols(effect)]
+
+    def judges(self, effect: Effect) -> bool:
+        """Whether the term bends over the speed."""
+        return bool(effect.bends_over)
 
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns without the moments at which a bend over the speed is over before the filters show it.
@@ -137,11 +141,8 @@ def _without_noise(effect: Effect, signals: dict[str, Array | float], values: Ma
     """
     if effect.enters != "voltage" or "i_q" not in effect.signals or "i_q_whole" not in signals:
         return columns(effect, signals, values)[0]
-    current, noise = signals["i_q_whole"], signals["i_q_noise"]
-    at, above, below = (
-        columns(effect, signals | {"i_q": current + sign * noise}, values)[0] for sign in (0.0, 1.0, -1.0)
-    )
-    return {symbol: 2.0 * at[symbol] - 0.5 * (above[symbol] + below[symbol]) for symbol in at}
+    whole, noise = signals | {"i_q": signals["i_q_whole"]}, np.asarray(signals["i_q_noise"])
+    return columns_less_noise(effect, whole, values, "i_q", noise)
 
 
 def current_balances(balances: Balances, wrong: Array) -> dict[str, Array]:
