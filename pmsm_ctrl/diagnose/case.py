@@ -19,6 +19,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import SINGLE
+from pmsm_ctrl.regression.fast_orders import Beyond
 from pmsm_ctrl.section import Notice
 
 __all__ = ["Case", "pooled"]
@@ -61,6 +62,8 @@ class Case:
         surely of the same size in half the band.
     surely : bool
         Whether a first effect has to be of the same size there in any case.
+    beyond : Beyond or None
+        Orders of a turn that are too fast for the band of the record.
     bands : dict of float to Case or None
         The same in other bands, as far as they were asked for; None where the log holds too little in one.
     fits : list of Fitted
@@ -82,6 +85,7 @@ class Case:
     in_band: Callable[..., Case] | None = field(default=None, repr=False)
     minor_too: bool = False
     surely: bool = False
+    beyond: Beyond | None = None
     bands: dict[float, Case | None] = field(default_factory=dict, repr=False)
     fits: list[Fitted] = field(default_factory=list, repr=False)
 
@@ -89,6 +93,11 @@ class Case:
     def as_given(self) -> Design:
         """The design as it was given."""
         return self.design if self.given is None else self.given
+
+    @property
+    def too_fast(self) -> tuple[int, ...]:
+        """Orders of a turn that are too fast for the band of the record."""
+        return () if self.beyond is None else self.beyond.orders
 
     def fit(self, accepted: tuple[Accepted, ...]) -> Fitted:
         """Return the design with these effects fitted, and every candidate tried on the residual.

@@ -32,6 +32,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.events import events_of
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
+from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.outcome import outcome
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
@@ -48,13 +49,13 @@ from pmsm_ctrl.diagnose.verdict import explains_most
 from pmsm_ctrl.diagnose.written import as_written
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
-from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.errors import LogError, RequestError, nearest
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
-from pmsm_ctrl.regression.fast_orders import orders_beyond
+from pmsm_ctrl.regression.fast_orders import beyond_band, orders_beyond
 from pmsm_ctrl.regression.joining import name_of as name_of_log
 from pmsm_ctrl.regression.made import Made, for_design
 from pmsm_ctrl.regression.timed_record import timed_record, with_friction
@@ -188,6 +189,10 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     (Case, Diagnosis)
         The log conditioned as what was found in it calls for, and the answer.
     """
+    if (wide := in_wider_band(case)) is not None:
+        waves = _select(wide, progress=lambda share: progress(0.9))
+        if waves.steps and order_of(waves.accepted[0], case.design.motor.p or 0) in case.too_fast:
+            return _answered(wide, waves, plan, progress)
     selection = _select(case, progress=progress, taken=taken)
     shown = set() if selection.steps else significant(selection.fit, case.policy)
     minor = replace(case, minor_too=True, remarks=(*case.remarks, words.MINOR_PART()))
@@ -232,6 +237,30 @@ def in_narrower_bands(case: Case) -> Iterator[Case]:
             fast = orders_beyond(other.as_given, other.believed.log, other.record.cutoff)
             said = (*fast, *other.remarks, words.NARROWER_BAND(band=band, usual=case.record.cutoff))
             yield without_what_happened_once(replace(other, surely=True, remarks=tuple(dict.fromkeys(said))))
+
+
+def in_wider_band(case: Case) -> Case | None:
+    """Return the case in a band that holds the fast orders of a turn that its log shows; None without any.
+
+    What the usual band holds of them, where the axis starts and stops, looks like friction. The log is conditioned with
+    the largest of them in the model: without it most of the acceleration is an error of the model, and no inertia is.
+
+    Parameters
+    ----------
+    case : Case
+    """
+    beyond, wave = case.beyond, next((one for one in case.effects.values() if one.order and one.repeated), None)
+    if beyond is None or wave is None or case.in_band is None or beyond.band < NARROWER * case.record.cutoff:
+        return None
+    usual = {one.symbol: one.start for one in wave.parameters}
+    shown = case.design.add_effect(wave.id, usual | {wave.order: float(beyond.orders[0])})
+    try:
+        other = case.in_band(band=beyond.band, shown=shown)
+    except LogError:
+        return None
+    kept = [one for one in case.remarks if one is not beyond.notice]
+    said = words.WIDER_BAND(band=beyond.band, usual=case.record.cutoff, orders=beyond.orders[0])
+    return without_what_happened_once(replace(other, believed=case.believed, remarks=(*kept, said)))
 
 
 def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) -> tuple[Case, Diagnosis]:
@@ -381,7 +410,8 @@ def condition(
             return replace(first, record=record, conditioned_with=None, events=(), fits=[])
     others: list[Record] = []
     # a band in which a name is checked says nothing of its own; see `in_narrower_bands`
-    remarks = [] if band else list(orders_beyond(design, believed.log, record.cutoff))
+    beyond = None if band else beyond_band(design, believed.log, record.cutoff)
+    remarks = [] if beyond is None else [beyond.notice]
     for holdout in holdouts:
         held_out = doubts_about(design, holdout)
         same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, holdout.rate / 8.0))
@@ -393,7 +423,7 @@ def condition(
     long = len(record.mask) > SINGLE
     return Case(
         whole, record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
-        name=names_of(as_logs(log), "the given log"), given=design,
+        name=names_of(as_logs(log), "the given log"), given=design, beyond=beyond,
         conditioned_with=None if shown or long else partial(again, band=band), in_band=again,
     )  # fmt: skip
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.criteria import CrossValidation, Machine
-from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import BLOCKS, EVEN, Trial, blocked_gain, try_group
 from pmsm_ctrl.evidence.tests import limited_gain_errors, mean_gain, rank_test
@@ -34,6 +34,7 @@ __all__ = [
     "left_inside",
     "machine_of",
     "matched",
+    "order_of",
     "plain_errors",
     "prewhitened_error",
     "record_deviation",
@@ -225,11 +226,20 @@ def has_own_order(fit: Fitted, trial: Trial) -> bool:
     effect, p = trial.candidate.effect, fit.record.design.motor.p or 0
     if not effect.order:
         return False
-    taken = [
-        float(one.effect.electrical_order * p) if one.effect.electrical_order else one.shape.get(one.effect.order, 0.0)
-        for one in fit.accepted
-    ]
-    return all(round(trial.group.shape[effect.order]) != round(order) for order in taken)
+    return all(round(trial.group.shape[effect.order]) != order_of(one, p) for one in fit.accepted)
+
+
+def order_of(one: Accepted, pole_pairs: int) -> int:
+    """Return the order of a turn by which an effect is known; 0 for any other.
+
+    Parameters
+    ----------
+    one : Accepted
+    pole_pairs : int
+        0 where they are not known.
+    """
+    electrical = one.effect.electrical_order
+    return round(electrical * pole_pairs if electrical else one.shape.get(one.effect.order, 0.0))
 
 
 def judged_gain(fit: Fitted, trial: Trial) -> tuple[Solved, float]:

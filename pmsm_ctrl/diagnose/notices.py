@@ -45,6 +45,7 @@ __all__ = [
     "TOO_SHORT",
     "TORQUE_CONSTANT",
     "UNRELATED_TORQUE",
+    "WIDER_BAND",
     "WINDING_IMPOSSIBLE",
     "WINDING_SUBSTITUTE",
     "calibration_text",
@@ -100,6 +101,11 @@ BEYOND_BAND = Template(
 NARROWER_BAND = Template(
     "narrower_band",
     "evaluated in a band of {band:.0f} Hz: in the usual one, {usual:.0f} Hz, noise hides what is missing",
+)
+WIDER_BAND = Template(
+    "wider_band",
+    "evaluated in a band of {band:.0f} Hz: in the usual one, {usual:.0f} Hz, order {orders} of a turn is too fast at "
+    "nearly all speeds",
 )
 MINOR_PART = Template(
     "minor_part",

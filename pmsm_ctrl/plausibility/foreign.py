@@ -35,7 +35,7 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...]]
     if evidence.torque is None or slope is None or fit is None:
         return log, ()
     late = lag * width + slope.value
-    if abs(late) - slope.stderr <= max(POLICY.late, POLICY.late_periods * log.period):
+    if abs(late) - POLICY.late_errors * slope.stderr <= max(POLICY.late, POLICY.late_periods * log.period):
         return log, ()
     filtered = False
     if late > 0.0:

@@ -46,6 +46,8 @@ class Policy:
     late : float
         s; a channel that is later than this, and than `late_periods`, is not taken in the same tick.
     late_periods : float
+    late_errors : float
+        Standard errors by which a lag exceeds both: with one, a wave of a turn makes a slow drive 10 ms late.
     late_gain : float
         What the shifted channel leaves at most of what the channel as logged leaves.
     well : float
@@ -103,6 +105,7 @@ class Policy:
     fold: float = 0.65
     late: float = 3e-3
     late_periods: float = 2.5
+    late_errors: float = 2.0
     late_gain: float = 0.5
     well: float = 0.02
     longest_lag: float = 0.12

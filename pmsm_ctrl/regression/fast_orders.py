@@ -1,6 +1,12 @@
-"""Orders of a turn above the bandwidth, searched in the drive signal as logged, since the low-pass removes them."""
+"""Orders of a turn above the bandwidth, searched in the log as it is, since the low-pass removes them.
+
+A speed loop answers a slow wave, which the drive signal then shows; a fast one moves the axis, and only the drive
+signal less the torque of the inertia holds it. Both are searched.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +19,7 @@ from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["orders_beyond"]
+__all__ = ["Beyond", "beyond_band", "orders_beyond"]
 
 Array = NDArray[np.float64]
 
@@ -34,60 +40,113 @@ SPEEDS, PIECE = 8, 0.5
 JUDGED = 0.1
 # Further orders are named down to this share of the largest, so many at most.
 NAMED, MOST_NAMED = 0.4, 3
+# A band that holds an order is this much wider than the order's frequency in the slow part of the motion, and no wider
+# than this share of the log's rate.
+WIDER, WIDEST = 1.25, 0.3
 CLIPPED = 5.0  # median magnitudes of the fast part of the drive signal: edges are no waves
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """Orders of a turn that lie above the bandwidth at nearly all speeds.
+
+    Attributes
+    ----------
+    orders : tuple of int
+        The largest first.
+    notice : Notice
+        What is said of them.
+    band : float
+        Bandwidth, Hz, that holds the largest for a good part of the motion; 0 where the log has no such band.
+    """
+
+    orders: tuple[int, ...]
+    notice: Notice
+    band: float
 
 
 def orders_beyond(design: Design, log: Log, cutoff: float) -> tuple[Notice, ...]:
     """Return notices of orders of a turn that lie above the bandwidth at nearly all speeds.
+
+    Parameters
+    ----------
+    design : Design
+        For torque constant and inertia.
+    log : Log
+    cutoff : float
+        Bandwidth of the evaluation, Hz.
+    """
+    found = beyond_band(design, log, cutoff)
+    return () if found is None else (found.notice,)
+
+
+def beyond_band(design: Design, log: Log, cutoff: float) -> Beyond | None:
+    """Return the orders of a turn that lie above the bandwidth at nearly all speeds; None without any.
 
     A wave over the angle is demodulated with the logged angle, at any speed at which the log resolves it.
 
     Parameters
     ----------
     design : Design
-        For the torque constant.
+        For torque constant and inertia.
     log : Log
     cutoff : float
         Bandwidth of the evaluation, Hz.
     """
     source = next((name for name in ("torque", "i_q") if name in log), None)
     if log.motion == "linear" or source is None or "theta" not in log:
-        return ()
+        return None
     t, raw, good, _ = uniform(log)
     rate = (len(t) - 1) / float(t[-1] - t[0])
     if not 0.0 < cutoff < 0.4 * rate:
-        return ()
+        return None
     theta = unwrapped(raw["theta"])
     drive = raw[source] * (1.0 if source == "torque" else design.K_t_assumed)
-    fast = drive - low_pass(drive, rate, cutoff)
-    limit = CLIPPED * float(np.median(np.abs(fast[good])))
     speed = np.abs(np.gradient(low_pass(theta, rate, min(cutoff, 0.2 * rate)), 1.0 / rate))
     moving = good & (speed > 0.002 * float(np.quantile(speed, 0.99)))
     chosen = np.flatnonzero(moving)[:: max(1, int(moving.sum()) // MOST)]
     if len(chosen) < FEWEST:
-        return ()
+        return None
     chosen = chosen[np.argsort(speed[chosen], kind="stable")]
     odd = np.floor((t[chosen] - t[0]) / PIECE) % 2.0
-    signal = np.clip(fast[chosen], -limit, limit)
-    found = _waves(theta[chosen], speed[chosen], signal, odd, (cutoff, RESOLVED * rate))
+    found = np.zeros(HIGHEST)
+    for signal in (drive, drive - design.J * _second_difference(theta, rate)):
+        fast = signal - low_pass(signal, rate, cutoff)
+        limit = CLIPPED * float(np.median(np.abs(fast[good])))
+        fast = np.clip(fast[chosen], -limit, limit)
+        waves, of_angle = _waves(theta[chosen], speed[chosen], fast, odd, (cutoff, RESOLVED * rate))
+        found = np.maximum(found, waves)
+    found[of_angle & (waves > 0.0)] = 0.0  # a line of the encoder, which the loop may answer
     rms = float(np.sqrt(np.mean(drive[moving] ** 2)))
     standing = np.flatnonzero(found > LEAST * rms) + 1
     unseen = [k for k in standing.tolist() if float(np.mean(k * speed[chosen] < 2.0 * np.pi * cutoff)) < JUDGED]
     if not unseen:
-        return ()
+        return None
     largest = max(float(found[k - 1]) for k in unseen)
     named = sorted((k for k in unseen if found[k - 1] > NAMED * largest), key=lambda k: -found[k - 1])[:MOST_NAMED]
     above = float(np.mean(min(named) * speed[chosen] >= 2.0 * np.pi * cutoff))
-    return (
-        ORDERS_BEYOND_BAND(
-            orders=", ".join(map(str, named)), amplitude=largest, unit=axis_unit("N m", log.motion), cutoff=cutoff,
-            percent=100.0 * above, slow=2.0 * np.pi * cutoff / min(named),
-        ),
+    frequency = speed[chosen] * named[0] / (2.0 * np.pi)
+    band = min(WIDER * float(np.quantile(frequency, 2.0 * JUDGED)), WIDEST * rate)
+    said = ORDERS_BEYOND_BAND(
+        orders=", ".join(map(str, named)), amplitude=largest, unit=axis_unit("N m", log.motion), cutoff=cutoff,
+        percent=100.0 * above, slow=2.0 * np.pi * cutoff / min(named),
     )  # fmt: skip
+    return Beyond(tuple(named), said, band if float(np.mean(frequency < band)) > JUDGED else 0.0)
 
 
-def _waves(theta: Array, speed: Array, fast: Array, odd: Array, band: tuple[float, float]) -> Array:
-    """Return the amplitude of every order over the samples whose frequency lies in a band, Hz; 0 where none stands out.
+def _second_difference(theta: Array, rate: float) -> Array:
+    """Return the acceleration of every sample but the first and the last, which get 0."""
+    found = np.zeros(len(theta))
+    found[1:-1] = np.diff(theta, 2) * rate**2
+    return found
+
+
+def _waves(
+    theta: Array, speed: Array, fast: Array, odd: Array, band: tuple[float, float]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the amplitude of every order over the samples whose frequency is in a band, Hz; 0 where none stands out.
+
+    Beside it whether it grows with the square of the speed, as an error of the angle does in an acceleration.
 
     Samples are in the order of their speed; the power is the product of two means, over `odd` pieces of time and over
     the others, and noise has none.
@@ -101,18 +160,27 @@ def _waves(theta: Array, speed: Array, fast: Array, odd: Array, band: tuple[floa
     enough = 2.0 * np.pi * TURNS
     apart_sums(theta, 2.0 * fast * np.stack([odd, 1.0 - odd]), bins, enough, sums, span)
     judged = np.flatnonzero((stop - start >= FEWEST) & (span >= enough))
-    power, standing = np.zeros(HIGHEST), np.zeros(HIGHEST)
+    power, standing, of_angle = np.zeros(HIGHEST), np.zeros(HIGHEST), np.zeros(HIGHEST, dtype=bool)
     if not len(judged):
-        return power
+        return power, of_angle
     labelled = np.diff(np.concatenate([[0.0], np.cumsum(odd)])[bins[judged]], axis=1)
     counts = np.stack([labelled, np.diff(bins[judged], axis=1) - labelled], axis=-1)
     means = sums[judged] / np.maximum(counts, 1.0)[..., None]
     each = np.sum(means[:, :, 0] * means[:, :, 1], axis=-1)
     power[judged], standing[judged] = np.mean(each, axis=1), np.mean(np.sort(each, axis=1)[:, :-BEST], axis=1)
+    total = np.diff(np.concatenate([[0.0], np.cumsum(speed)])[bins[judged]], axis=1)
+    squared = (total / np.maximum(np.diff(bins[judged], axis=1), 1)) ** 4
+    of_angle[judged] = _left(each, squared) < _left(each, np.ones_like(each))
     size = np.abs(power)
     least = STANDS_OUT * float(np.median(size[judged]))
     for k in np.flatnonzero(standing > least).tolist():
         near = size[judged[np.abs(judged - k) <= NEIGHBOURS]]
         if not standing[k] > STANDS_OUT * float(np.median(near)):
             standing[k] = 0.0
-    return np.where(standing > least, np.sqrt(np.maximum(power, 0.0)), 0.0)
+    return np.where(standing > least, np.sqrt(np.maximum(power, 0.0)), 0.0), of_angle
+
+
+def _left(values: Array, shape: Array) -> Array:
+    """Return what a multiple of a shape leaves of each row, sums of squares."""
+    along = np.sum(values * shape, axis=1) / np.sum(shape**2, axis=1)
+    return np.asarray(np.sum((values - along[:, None] * shape) ** 2, axis=1))

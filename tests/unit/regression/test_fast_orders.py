@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from pmsm_ctrl.identify import identify
 from pmsm_ctrl.kernels.orders import apart_sums
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.fast_orders import orders_beyond
+from tests.effort import slow
 
 HARMONIC = Design.from_dict({
     "name": "harmonic drive",
@@ -54,6 +57,50 @@ def test_a_vibration_at_one_speed_is_no_order(seed: int) -> None:
     shaking = np.where(omega == 25.0, 2.0 * np.sin(25.0 * 20.0 * t), 0.0)
     log = Log({"t": t, "theta": theta, "torque": 8.0 * np.sign(omega) + shaking + 0.3 * rng.standard_normal(t.size)})
     assert orders_beyond(HARMONIC, log, 40.0) == ()
+
+
+def driven(seed: int, wave: float, order: int, rate: float = 2000.0, top: float = 16.0) -> Log:
+    """A drive too slow to answer a wave: the axis moves by it, and the torque does not show it."""
+    rng, steps = np.random.default_rng(seed), 5
+    J, F_c, dt = 0.02, 1.0, 1.0 / (rate * steps)
+    t = np.arange(round(20.0 * rate)) / rate
+    wanted, omega, angle, total = top * np.sin(0.63 * t + rng.uniform(0.0, 6.0)), 0.0, 0.0, 0.0
+    theta, torque = np.empty_like(t), np.empty_like(t)
+    for k, target in enumerate(wanted.tolist()):
+        total += 15.0 * (target - omega) / rate
+        drive = 1.5 * (target - omega) + total
+        theta[k], torque[k] = angle, drive
+        for _ in range(steps):
+            free = omega + dt * (drive - wave * math.sin(order * angle)) / J
+            omega = math.copysign(max(abs(free) - dt * F_c / J, 0.0), free)  # dry friction, by implicit steps
+            angle += dt * omega
+    return Log({"t": t, "theta": theta + 2e-6 * rng.standard_normal(t.size), "torque": torque})
+
+
+DRIVEN = Design.from_dict({
+    "name": "driven", "motor": {"J": 0.02, "K_t": 1.0}, "effects": [{"id": "coulomb", "F_c": 1.0}],
+})  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [1, slow(2), slow(3)])
+def test_a_wave_that_no_loop_answers_is_named_in_a_band_that_holds_it(seed: int) -> None:
+    log = driven(seed, 0.5, 120)
+    (notice,) = orders_beyond(DRIVEN, log, 40.0)
+    assert notice.detail["orders"] == "120"
+    found = diagnose(DRIVEN, log, plan=False)
+    assert [step.effect for step in found.steps] == ["cogging"]
+    wave = found.steps[0].parameters
+    assert wave["order"].value == 120.0
+    assert wave["a_s"].value == pytest.approx(0.5, rel=0.05)
+    assert "wider_band" in [one.code for one in found.notices]
+    assert CODE not in [one.code for one in found.notices]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_line_of_the_encoder_is_no_order_of_the_torque(seed: int) -> None:
+    log = driven(seed, 0.0, 120)
+    lined = log.with_channels(theta=log["theta"] + 2e-4 * np.sin(120.0 * log["theta"]))
+    assert orders_beyond(DRIVEN, lined, 40.0) == ()
 
 
 def test_sums_of_an_order_bin_by_bin(rng: np.random.Generator) -> None:
