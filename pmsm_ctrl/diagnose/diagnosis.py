@@ -55,7 +55,7 @@ from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
-from pmsm_ctrl.regression.fast_orders import beyond_band, orders_beyond
+from pmsm_ctrl.regression.fast_orders import WIDEST, beyond_band, orders_beyond
 from pmsm_ctrl.regression.joining import name_of as name_of_log
 from pmsm_ctrl.regression.made import Made, for_design
 from pmsm_ctrl.regression.timed_record import timed_record, with_friction
@@ -250,7 +250,9 @@ def in_wider_band(case: Case) -> Case | None:
     case : Case
     """
     beyond, wave = case.beyond, next((one for one in case.effects.values() if one.order and one.repeated), None)
-    if beyond is None or wave is None or case.in_band is None or beyond.band < NARROWER * case.record.cutoff:
+    if beyond is None or wave is None or case.in_band is None:
+        return None
+    if not NARROWER * case.record.cutoff <= beyond.band <= WIDEST * case.record.prepared.rate:
         return None
     usual = {one.symbol: one.start for one in wave.parameters}
     shown = case.design.add_effect(wave.id, usual | {wave.order: float(beyond.orders[0])})

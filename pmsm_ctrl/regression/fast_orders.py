@@ -19,7 +19,7 @@ from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["Beyond", "beyond_band", "orders_beyond"]
+__all__ = ["WIDEST", "Beyond", "beyond_band", "orders_beyond"]
 
 Array = NDArray[np.float64]
 
