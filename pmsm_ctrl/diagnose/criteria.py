@@ -32,6 +32,7 @@ __all__ = [
     "no_contradiction",
     "no_plain_error_worse",
     "no_voltage_worse",
+    "same_above",
     "same_in_half",
     "significance",
     "signs",
@@ -221,6 +222,20 @@ def same_in_half(left: float, stderr: float, policy: Policy = POLICY, surely: bo
     else:
         same = left + slack >= policy.stable
     return None if same else Refusal(Reason.OTHER_BAND, {"percent": 100.0 * left})
+
+
+def same_above(left: float, stderr: float, policy: Policy = POLICY) -> Refusal | None:
+    """Check that a wave is not surely of another size above the band.
+
+    Parameters
+    ----------
+    left, stderr : float
+        Its amount there over that in the band, and the standard error.
+    policy : Policy
+    """
+    slack = policy.sure_errors * stderr
+    same = left + slack >= policy.stable and left - slack <= 1.0 / policy.stable
+    return None if same else Refusal(Reason.OTHER_ABOVE, {"percent": 100.0 * left})
 
 
 def no_balance_worse(

@@ -31,6 +31,7 @@ class Reason(StrEnum):
     NOT_DETERMINED = "not_determined"
     WITHIN_SAMPLING = "within_sampling"
     OTHER_BAND = "other_band"
+    OTHER_ABOVE = "other_above"
     HOLDOUT_WORSE = "holdout_worse"
     NOT_NEEDED = "not_needed"
     NOT_EXCITED = "not_excited"
@@ -61,6 +62,7 @@ WORDS: Mapping[Reason, str] = {
     Reason.WITHIN_SAMPLING: "within what sampling alone can cause: {value:.2g} +- {stderr:.1g} ms, where {low:.2g} to "
     "{high:.2g} ms are possible",
     Reason.OTHER_BAND: "rejected: of another size in half the band, {percent:.0f} % of that in the whole",
+    Reason.OTHER_ABOVE: "rejected: of another size above the band, {percent:.0f} % of that in it",
     Reason.HOLDOUT_WORSE: "rejected: increases the error on the held-out record",
     Reason.NOT_NEEDED: "not needed by the final model",
     Reason.NOT_EXCITED: "not excited: only {percent:.0f} % of the motion is slow enough for order {order}; needs "

@@ -19,7 +19,7 @@ from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["WIDEST", "Beyond", "beyond_band", "orders_beyond"]
+__all__ = ["CLIPPED", "PIECE", "RESOLVED", "WIDEST", "Beyond", "beyond_band", "orders_beyond", "second_difference"]
 
 Array = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ def beyond_band(design: Design, log: Log, cutoff: float) -> Beyond | None:
     chosen = chosen[np.argsort(speed[chosen], kind="stable")]
     odd = np.floor((t[chosen] - t[0]) / PIECE) % 2.0
     found = np.zeros(HIGHEST)
-    for signal in (drive, drive - design.J * _second_difference(theta, rate)):
+    for signal in (drive, drive - design.J * second_difference(theta, rate)):
         fast = signal - low_pass(signal, rate, cutoff)
         limit = CLIPPED * float(np.median(np.abs(fast[good])))
         fast = np.clip(fast[chosen], -limit, limit)
@@ -134,8 +134,19 @@ def beyond_band(design: Design, log: Log, cutoff: float) -> Beyond | None:
     return Beyond(tuple(named), said, band if float(np.mean(frequency < band)) > JUDGED else 0.0)
 
 
-def _second_difference(theta: Array, rate: float) -> Array:
-    """Return the acceleration of every sample but the first and the last, which get 0."""
+def second_difference(theta: Array, rate: float) -> Array:
+    """Return the acceleration of every sample but the first and the last, which get 0.
+
+    Parameters
+    ----------
+    theta : array, shape (n,)
+    rate : float
+        Hz.
+
+    Returns
+    -------
+    array, shape (n,)
+    """
     found = np.zeros(len(theta))
     found[1:-1] = np.diff(theta, 2) * rate**2
     return found
