@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose import criteria
+from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.measures import order_of
-from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Refusal
+from pmsm_ctrl.effects.evaluate import column
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.fast_orders import CLIPPED, PIECE, RESOLVED, second_difference
 from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.timing import uniform, unwrapped
 
 __all__ = ["unlike_above"]
 
@@ -28,35 +31,40 @@ FILTERED = 0.4
 FEWEST = 8  # pieces of time, over which the scatter is taken
 
 
-def unlike_above(after: Fitted, policy: Policy = POLICY) -> Refusal | None:
+def unlike_above(case: Case, after: Fitted) -> Refusal | None:
     """Return that the wave accepted last is surely of another size above the band.
 
     Parameters
     ----------
+    case : Case
     after : Fitted
         Everything fitted with it.
-    policy : Policy
     """
-    found = _amount(after)
-    return None if found is None else criteria.same_above(*found, policy)
+    log = case.believed.log if case.believed is not None else None
+    found = _amount(log, after) if log is not None and after.accepted else None
+    return None if found is None else criteria.same_above(*found, case.policy)
 
 
-def _amount(after: Fitted) -> tuple[float, float] | None:
+def _amount(log: Log, after: Fitted) -> tuple[float, float] | None:
     """Return the size of the last effect above the band over that in it, and its standard error.
 
-    None for all but waves of a turn in a torque, and where the motion is too slow or too short to tell.
+    None for all but waves over the angle alone, and where the motion is too slow or too short to tell.
     """
     one, record, number = after.accepted[-1], after.record, len(after.accepted) - 1
     order, position = order_of(one, record.design.motor.p or 0), after.position(number)
-    if not order or one.effect.enters != "torque" or record.linear or record.age is not None or position is None:
+    if not order or one.effect.signals != ("theta",) or record.linear or record.age is not None or position is None:
         return None
-    rate, cutoff = record.prepared.rate, record.cutoff
-    values = after.estimate.values[after.model.columns_of(position)]
-    parts = one.effect.structure.columns(record, one.effect, one.shape)
-    wave = sum(value * part["torque"] for value, part in zip(values.tolist(), parts, strict=True))
+    t, raw, good, _ = uniform(log)
+    rate, cutoff, own = (len(t) - 1) / float(t[-1] - t[0]), record.cutoff, record.prepared
+    theta = unwrapped(raw["theta"])
+    group, columns = after.model.groups[position], after.model.columns_of(position)
+    values = dict(zip(group.symbols, after.estimate.values[columns].tolist(), strict=True))
+    angle = np.interp(t, own.t, record.signals["theta"])  # where the records have one zero
+    wave = column(one.effect, {"theta": angle}, dict(one.shape) | values)
     J = float(after.estimate.values[after.model.names.index("J")])
-    theta = record.signals["theta"]
-    torque = record.signals["torque_meas"] - J * second_difference(theta, rate)
+    drive = raw["torque"] if "torque" in raw else record.design.K_t_assumed * raw["i_q"]
+    torque = drive - J * second_difference(theta, rate)
+    moving = good & (np.interp(t, own.t, own.moving.astype(np.float64)) > 0.5)
 
     def fast(signal: Array) -> Array:
         above = low_pass(signal, rate, PASSED * cutoff) if PASSED * cutoff < FILTERED * rate else signal
@@ -64,11 +72,11 @@ def _amount(after: Fitted) -> tuple[float, float] | None:
 
     speed = np.abs(np.gradient(low_pass(theta, rate, min(cutoff, 0.2 * rate)), 1.0 / rate))
     frequency = order * speed / (2.0 * np.pi)
-    used = record.prepared.moving & (frequency > LOWEST * cutoff) & (frequency < min(HIGHEST * cutoff, RESOLVED * rate))
-    place = np.floor((record.prepared.t[used] - record.prepared.t[0]) / PIECE).astype(np.int64)
+    used = moving & (frequency > LOWEST * cutoff) & (frequency < min(HIGHEST * cutoff, RESOLVED * rate))
+    place = np.floor((t[used] - t[0]) / PIECE).astype(np.int64)
     if np.count_nonzero(np.bincount(place)) < FEWEST:
         return None
-    seen, expected = fast(torque)[used], fast(np.asarray(wave))[used]
+    seen, expected = fast(torque)[used], fast(wave)[used]
     limit = CLIPPED * float(np.median(np.abs(seen)))
     products, squares = (
         np.bincount(place, expected * one) for one in (np.clip(seen, -limit, limit), expected)

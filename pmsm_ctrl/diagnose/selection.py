@@ -225,7 +225,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         sure = minor_too or (case.surely and not number) or slight(fit, trial)
         if refusal is None and number + 1 >= len(start):
             refusal = unlike_in_half(case, fit, after, sure) or _judge_size(case, after)
-            refusal = refusal or unlike_above(after, case.policy)
+            refusal = refusal or unlike_above(case, after)
         if refusal is None:
             alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
             return Found(Step(trial, judged, tuple(dict.fromkeys(alike))), after, refused)
@@ -320,7 +320,7 @@ def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Re
         return judged
     refusal = _judge_refit(before, after, trial, case.policy) or _judge_holdout(case, before, after)
     refusal = refusal or unlike_in_half(case, before, after, minor_too or slight(before, trial))
-    return refusal or _judge_size(case, after) or unlike_above(after, case.policy)
+    return refusal or _judge_size(case, after) or unlike_above(case, after)
 
 
 def with_trial(case: Case, fit: Fitted, trial: Trial) -> Fitted:

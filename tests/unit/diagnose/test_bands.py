@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, simulate
@@ -13,6 +14,8 @@ from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason
 from tests.benchmarks.worlds.hidden import simulate_world
 from tests.benchmarks.worlds.world import draw
+from tests.effort import slow
+from tests.unit.regression.test_fast_orders import DRIVEN, driven
 
 
 @pytest.fixture
@@ -59,6 +62,42 @@ def test_an_effect_of_less_than_half_its_size_is_another_one_where_that_is_sure(
 def test_a_minor_effect_is_named_where_it_is_surely_the_same(left: float, stderr: float, same: bool) -> None:
     found = criteria.same_in_half(left, stderr, surely=True)
     assert (found is None) == same
+
+
+@pytest.mark.parametrize(
+    ("left", "stderr", "same"),
+    [
+        (1.0, 0.01, True), (0.6, 0.0, True), (0.3, 0.1, True), (0.3, 0.05, False), (-0.2, 0.2, False), (1.9, 0.0, True),
+        (2.2, 0.1, True), (20.0, 0.6, False),
+    ],
+)  # fmt: skip
+def test_a_wave_that_is_surely_another_one_above_the_band_is_none(left: float, stderr: float, same: bool) -> None:
+    found = criteria.same_above(left, stderr)
+    assert (found is None) == same
+    if found is not None:
+        assert str(found) == f"rejected: of another size above the band, {100.0 * left:.0f} % of that in it"
+
+
+# of 2 order 57 is named beside the line of order 60, and what is above the band does not decide
+@pytest.mark.parametrize("seed", [1, slow(3), slow(4), pytest.param(2, marks=pytest.mark.xfail(strict=True))])
+def test_a_line_of_the_encoder_is_no_wave_above_the_band(seed: int) -> None:
+    log = driven(seed, 0.0, 60, top=24.0)
+    lined = log.with_channels(theta=log["theta"] + 1e-4 * np.sin(60.0 * log["theta"]))
+    found = diagnose(DRIVEN, lined, candidates=["cogging"], plan=False)
+    assert not found.steps
+    assert Reason.OTHER_ABOVE in {one.refusal.reason for one in found.ranking if one.refusal}
+
+
+@pytest.mark.parametrize("seed", [1, slow(2), slow(3)])
+def test_a_wave_of_the_torque_is_as_large_above_the_band(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    judge = criteria.same_above
+    monkeypatch.setattr(criteria, "same_above", lambda *a: seen.append(a) or judge(*a))
+    found = diagnose(DRIVEN, driven(seed, 0.1, 30, top=24.0), candidates=["cogging"], plan=False)
+    assert [step.parameters["order"].value for step in found.steps] == [30.0]
+    ((size, stderr, _),) = seen
+    assert size == pytest.approx(1.0, abs=0.05 + 3.0 * stderr)
+    assert stderr < 0.1
 
 
 def test_an_error_of_the_model_that_changes_with_the_band_has_no_name() -> None:

@@ -91,6 +91,7 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr(rounds, "_judge_holdout", lambda *a: None)
         monkeypatch.setattr(rounds, "unlike_in_half", lambda *a: given.get("asked", []).append(a[-1]))
         monkeypatch.setattr(rounds, "_judge_size", lambda case, new: given.get("sizes", {}).get(new.accepted[-1]))
+        monkeypatch.setattr(rounds, "unlike_above", lambda case, new: given.get("above", {}).get(new.accepted[-1]))
         monkeypatch.setattr(rounds, "slight", lambda *a: given.get("slight", False))
         monkeypatch.setattr(rounds, "_with", lambda case, fit, one: (*fit.accepted, one.candidate.effect.id))
         monkeypatch.setattr(rounds, "equivalents", lambda *a: ())
@@ -119,6 +120,13 @@ def test_an_effect_whose_size_is_not_determined_is_refused(round_of: Any) -> Non
     found = round_of(["a", "b"], {}, {}, sizes={"a": undetermined})
     assert found.fit.accepted == ("b",)
     assert found.refused["a"] is undetermined
+
+
+def test_a_wave_of_another_size_above_the_band_is_refused(round_of: Any) -> None:
+    other = Refusal(Reason.OTHER_ABOVE, {"percent": 1970.0})
+    found = round_of(["a", "b"], {}, {}, above={"a": other})
+    assert found.fit.accepted == ("b",)
+    assert found.refused["a"] is other
 
 
 @pytest.mark.parametrize("flag", ["", "minor_too", "surely", "slight"])
