@@ -28,6 +28,7 @@ __all__ = [
     "factored",
     "gram_of",
     "in_blocks",
+    "occupied",
     "orthonormal",
     "orthonormal_rows",
     "own_shares",
@@ -48,6 +49,8 @@ ROWS = 1 << 15  # that are factored at once: a few MB
 # Share of a scaled column that the earlier ones must leave for Cholesky's factor of the Gram matrix to serve: twice in
 # turn, it makes columns orthonormal to the last digit then, and else reflections do.
 APART = 1e-3
+SPARSE = 97  # every so many samples of a column tell at once that it is not zero
+FEW = 64  # columns, of fewer of which all eigenvalues take less time than the largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +160,19 @@ def triangle(blocks: Iterable[Array]) -> Array:
     return upper
 
 
+def occupied(columns: Array) -> NDArray[np.int64]:
+    """Return which columns, one a row, are not zero throughout.
+
+    Parameters
+    ----------
+    columns : array, shape (k, n)
+    """
+    found = np.asarray(columns[:, ::SPARSE].any(axis=1))  # of most a few samples tell it
+    for k in np.flatnonzero(~found).tolist():
+        found[k] = columns[k].any()
+    return np.flatnonzero(found)
+
+
 def in_blocks(rows: int) -> Iterator[slice]:
     """Yield slices of so many rows, each small enough to be factored at once.
 
@@ -260,7 +276,9 @@ def projection_on_all(gram: Array, right: Array, room: int, first: int = 0) -> t
     size = size[alive]
     scaled, along = gram[np.ix_(alive, alive)] / np.outer(size, size), right[alive] / size
     lead = int(alive[:first].sum())
-    own = np.linalg.pinv(scaled[:lead, :lead], rcond=GRAM_RANK_TOLERANCE, hermitian=True)
+    powers, ways = np.linalg.eigh(scaled[:lead, :lead])
+    there = powers > GRAM_RANK_TOLERANCE * powers.max(initial=0.0)
+    own = (ways[:, there] / powers[there]) @ ways[:, there].T
     beside = own @ scaled[:lead, lead:]
     left = scaled[lead:, lead:] - scaled[lead:, :lead] @ beside
     values, vectors = np.linalg.eigh(left) if len(left) else (np.zeros(0), np.zeros((0, 0)))
@@ -274,6 +292,8 @@ def projection_on_all(gram: Array, right: Array, room: int, first: int = 0) -> t
 
 
 def _largest_eigenvalue(gram: Array) -> float:
+    if len(gram) < FEW:
+        return float(np.linalg.eigvalsh(gram)[-1])
     from scipy.linalg import eigh
 
     last = len(gram) - 1
@@ -331,7 +351,18 @@ def added(gram: Array, shared: Array, along: Array) -> Added:
     along : array, shape (k,)
         Products of the columns with the model's residual.
     """
-    return added_each([gram], shared, along)[0]
+    size = np.sqrt(np.diag(gram))
+    size = np.where(size > 0.0, size, 1.0)
+    left = (gram - shared.T @ shared) / (size[:, None] * size)
+    values, vectors = np.linalg.eigh(left) if len(left) != 1 else (left[0], np.ones((1, 1)))  # most have one
+    return _own(values, vectors, size, along)
+
+
+def _own(values: Array, vectors: Array, size: Array, along: Array) -> Added:
+    """Return the directions of columns that are their own, by the eigenvalues and -vectors of what the model leaves."""
+    kept = values > OWN_SHARE**2
+    back = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+    return Added(back, back.T @ along, size)
 
 
 def added_each(grams: Sequence[Array], shared: Array, along: Array) -> list[Added]:
@@ -346,6 +377,8 @@ def added_each(grams: Sequence[Array], shared: Array, along: Array) -> list[Adde
     along : array, shape (columns,)
         Products of the columns with the model's residual.
     """
+    if len(grams) == 1:
+        return [added(grams[0], shared, along)]
     counts = np.array([len(gram) for gram in grams], dtype=np.int64)
     starts = np.cumsum(counts) - counts
     out: dict[int, Added] = {}
@@ -358,7 +391,5 @@ def added_each(grams: Sequence[Array], shared: Array, along: Array) -> list[Adde
         left = (gram - np.einsum("rgi,rgj->gij", beside, beside)) / (size[:, :, None] * size[:, None, :])
         values, vectors = np.linalg.eigh(left) if k != 1 else (left[:, 0], np.ones_like(left))  # most have one
         for i, size_i, values_i, vectors_i, right_i in zip(places.tolist(), size, values, vectors, right, strict=True):
-            kept = values_i > OWN_SHARE**2
-            back = vectors_i[:, kept] / np.sqrt(values_i[kept]) / size_i[:, None]
-            out[i] = Added(back, back.T @ right_i, size_i)
+            out[i] = _own(values_i, vectors_i, size_i, right_i)
     return [out[i] for i in range(len(grams))]

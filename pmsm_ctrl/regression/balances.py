@@ -26,6 +26,7 @@ from pmsm_ctrl.regression.drive_timing import (
     UNDELAYED,
     DriveTiming,
     drive_sampling,
+    emf_left,
     in_time,
     possible_sampling,
     stated_timing,
@@ -73,7 +74,9 @@ EDGES, SHORTEST_EDGE = (4.0, 10.0), 0.05
 FEWEST = 20  # samples of the thinned grid that a balance needs
 # Share of a log that the default band has to leave.
 USABLE = 0.1
-ALWAYS = frozenset({"base", "alpha", "noise of alpha", "beyond the band", "reference"})  # with any friction and weight
+ALWAYS = frozenset(
+    {"base", "alpha", "noise of alpha", "emf", "beyond the band", "reference"}
+)  # with any friction and weight
 # A delay below this share of a sample is met well enough to first order.
 LATE = 0.03
 
@@ -226,8 +229,7 @@ class Record:
 
     def at_full_rate(self, values: Array) -> Array:
         """Return what was filtered and thinned, shape (m,), at the log's rate, shape (n,)."""
-        step = round(self.prepared.rate / self.rate)
-        return interpolated(values, step)[: len(self.prepared.t)]
+        return interpolated(values, round(self.prepared.rate / self.rate))[: len(self.prepared.t)]
 
     def stack_all(self, parts: Sequence[Mapping[str, Array]], filtered: bool = False) -> Rows:
         """Return several columns in the balances that any of them enters, filtered in one go.
@@ -260,6 +262,13 @@ class Record:
     def rate_of(self, values: Array) -> Array:
         """Time derivative at the log's rate."""
         return derivative(values, self.period)
+
+    def emf_left(self) -> Array | None:
+        """Torque error of a command by the back-emf, at the log's rate; see `drive_timing`."""
+        if (key := ("emf",)) not in self.kept:
+            self.kept[key] = emf_left(self.design, self.signals["alpha"], self.period, self.sampling_stated)
+        column: Array | None = self.kept[key]
+        return column
 
     def acceleration(self) -> Array:
         """Filtered and thinned acceleration, shape (m,)."""

@@ -13,11 +13,11 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.structures.interface import Known
-from pmsm_ctrl.evidence.linalg import factored, orthonormal_rows, own_shares
+from pmsm_ctrl.evidence.linalg import factored, occupied, orthonormal_rows, own_shares
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
-from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, STATED_WITHIN, emf_left
+from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, STATED_WITHIN
 from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
 from pmsm_ctrl.regression.slow_inertia import slow_inertia
@@ -126,7 +126,7 @@ class Model:
     @cached_property
     def entering(self) -> tuple[NDArray[np.int64], ...]:
         """The columns that enter each balance."""
-        return tuple(np.flatnonzero(matrix.T.any(axis=1)) for matrix in self.matrix)
+        return tuple(occupied(matrix.T) for matrix in self.matrix)
 
     @property
     def prior_doubt(self) -> Array:
@@ -348,7 +348,7 @@ def _sampling_terms(record: Record, settled: bool) -> Iterator[_Term]:
         curved = record.rate_of(record.rate_of(torque))
         known = max(record.sampling, record.timing.lag) ** 2 / 6.0
         yield _Term(SPREAD, lambda: {"torque": curved}, 0.0, known if settled else np.inf, True)
-    if (column := emf_left(record.design, record.signals["alpha"], record.period, record.sampling_stated)) is not None:
+    if (column := record.emf_left()) is not None:
         yield _Term(EMF, lambda: {"torque": column}, 0.0, EMF_LATE, True)
 
 

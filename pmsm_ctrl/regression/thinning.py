@@ -66,9 +66,11 @@ def thinned(signals: Sequence[Array] | Array, rate: float, cutoff: float, step: 
         return out
     m = _modes(rate, cutoff, step, min(AT_ONCE, pad // step))
     for values, row in zip(signals, out, strict=True):
-        # a writeable array, as the channels of a log are not: numba compiles the filter for each kind
+        if not (values.dtype == np.float64 and values.flags.c_contiguous and values.flags.writeable):
+            # a writeable array, as the channels of a log are not: numba compiles the filter for each kind
+            values = np.require(values, np.float64, ["C", "W"])
         thinned_zero_phase(
-            np.require(values, np.float64, ["C", "W"]), pad, step, m.poles, m.leaps, m.settled, m.sums, m.between,
+            values, pad, step, m.poles, m.leaps, m.settled, m.sums, m.between,
             m.ahead, m.last, m.own, m.shared, row,
         )  # fmt: skip
     return out

@@ -10,6 +10,7 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -95,12 +96,13 @@ class LogView:
     residual: Array
     orders: Callable[[int], Array]
 
-    @property
+    # Read by the search of every effect that hangs on it.
+    @cached_property
     def top_speed(self) -> float:
         """Highest speed but for the fastest hundredth of the log, rad/s (m/s)."""
         return float(np.quantile(np.abs(self.balances.signals["omega"]), 0.99))
 
-    @property
+    @cached_property
     def current(self) -> float:
         """Current that is exceeded in a tenth of the log, A peak."""
         s = self.balances.signals
