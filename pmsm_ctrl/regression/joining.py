@@ -149,7 +149,8 @@ def _thinned_part(log: Log, factor: int, origin: float) -> dict[str, Array] | No
     channels = {"t": log.t[first::factor]}
     for name, values in log.channels.items():
         if name != "t":
-            whole = np.unwrap(values)[first:] if name == "theta" else values[first:]
+            wraps = name == "theta" and float(np.max(np.abs(np.diff(values)))) >= np.pi
+            whole = np.unwrap(values)[first:] if wraps else values[first:]
             channels[name] = low_pass(whole, log.rate, KEPT_BAND * log.rate / factor, step=factor)
     return channels
 
