@@ -197,4 +197,4 @@ def inflation(n: int, rank: int) -> float:
     n, rank : int
         Samples, and rank of the fitted columns.
     """
-    return n / max(n - rank, int(LEAST_FREE * n))
+    return n / max(n - rank, int(LEAST_FREE * n), 1)

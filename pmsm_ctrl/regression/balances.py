@@ -410,6 +410,7 @@ def _made(
     at_all = at_given_rate(whole, log, timing, prepared, source)
     weighing = Weighing(read, at_all, prepared, signals, kink, moving, steps, tuple(voltages))
     weight, mask = weighing.weights(wrong, edges)
+    _require_samples(mask, prepared, given)
     notes = (note for note in prepared.notes if note.code != TORQUE_JUMPS.code)  # edges are weighed here, not left out
     levels = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
     levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
@@ -421,6 +422,14 @@ def _made(
         edges=edges, step=resolution, weighing=weighing,
         rough=rough_acceleration(resolution, given.rate, prepared.cutoff),
     )  # fmt: skip
+
+
+def _require_samples(mask: Mask, prepared: Prepared, log: Log) -> None:
+    """Refuse a band whose filters ring over nearly all of a log: gaps and false stamps cut it into short pieces."""
+    left = int(mask.sum())
+    if left < FEWEST:
+        where = f"{log.provenance.file}: " if log.provenance.file else ""
+        raise LogError(f"{where}{left} samples are usable below {prepared.cutoff:.3g} Hz; {FEWEST} were expected")
 
 
 def _too_long(given: Log, thin: Log) -> tuple[Notice, ...]:

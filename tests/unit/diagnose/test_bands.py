@@ -9,9 +9,11 @@ import pytest
 
 from pmsm_ctrl import Design, simulate
 from pmsm_ctrl.diagnose import criteria, diagnose
+from pmsm_ctrl.diagnose.bands import conditioned_in
 from pmsm_ctrl.diagnose.diagnosis import condition, in_narrower_bands
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason
+from pmsm_ctrl.log import Log
 from tests.benchmarks.worlds.hidden import simulate_world
 from tests.benchmarks.worlds.world import draw
 from tests.effort import slow
@@ -33,6 +35,17 @@ def test_half_of_the_default_band_follows_it_and_nothing_follows_that(seed_motor
     assert said.detail == {"band": 20.0, "usual": 40.0}
     assert half.believed is case.believed, "log and design are examined once"
     assert not list(in_narrower_bands(half))
+
+
+def test_a_band_whose_filters_ring_over_all_pieces_of_a_log_is_none(seed_motor: Design) -> None:
+    # pieces of half a second: four periods of 40 Hz at either end leave most of it, four of 20 Hz hardly a sample
+    log = simulate(seed_motor, "triangle", seed=1)
+    keep = log.t % 0.55 < 0.5
+    pieces = Log({name: values[keep] for name, values in log.channels.items()})
+    case = condition(seed_motor, pieces, (), {}, POLICY, band=40.0)
+    assert case.record.mask.sum() > 500
+    assert conditioned_in(20.0, case) is None
+    assert not list(in_narrower_bands(case))
 
 
 @pytest.mark.parametrize("band", [10.0, 20.0])

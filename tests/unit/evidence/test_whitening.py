@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from pmsm_ctrl.evidence.noise import burg, stretches
-from pmsm_ctrl.evidence.whitening import channel_whitener, make_whitener
+from pmsm_ctrl.evidence.whitening import channel_whitener, inflation, make_whitener
 
 
 def _process(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -50,3 +50,8 @@ def test_burg_finds_the_process_over_separate_stretches(rng: np.random.Generator
     assert models[2] == pytest.approx([-1.2, 0.5], abs=0.02)
     assert variances[4] == pytest.approx(1.0, abs=0.03)
     assert np.all(np.diff(variances) <= 0.0)
+
+
+@pytest.mark.parametrize(("n", "rank", "factor"), [(100, 20, 1.25), (100, 90, 4.0), (3, 5, 3.0), (1, 0, 1.0)])
+def test_the_noise_of_few_samples_has_a_finite_level(n: int, rank: int, factor: float) -> None:
+    assert inflation(n, rank) == pytest.approx(factor)
