@@ -144,7 +144,8 @@ class Fitted:
             matrix=whole.matrix[:, :, :k], doubt=doubt, bias=bias,
         )  # fmt: skip
         model = with_mean(self.record, model, self.whitener)  # what the effect explained must not become a mean load
-        solved, plain = (solve_model(self.record, model, weights) for weights in (self.whitener, self.weights))
+        judges = (self.whitener, self.solved), (self.weights, self.plain)
+        solved, plain = (solve_model(self.record, model, weights, like) for weights, like in judges)
         return replace(
             self, model=model, solved=solved, plain=plain, estimate=bounded(plain), accepted=self.accepted[:-1],
             trials=(), closed=(), covariance=None, free=(), rough=frozenset(), profiles={},

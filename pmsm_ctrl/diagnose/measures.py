@@ -84,13 +84,13 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
     effect, record, model = trial.candidate.effect, fit.record, with_rivals(fit, trial)
     if model is None:
         return None
-    solved = solve_model(record, model, fit.whitener)
+    solved = solve_model(record, model, fit.whitener, fit.solved)
     own = try_group(solved, fit.whitener, trial.candidate, trial.group)
     gains = blocked_gain(record, solved, fit.whitener, trial.group, own.direction, fit.whitener.memory)
     found = CrossValidation(*mean_gain(gains), len(gains), rank_test(gains))
     share = 1.0
     if effect.structure.unlike_rivals:
-        whole, plain = as_a_whole(fit, trial), solve_model(record, model, fit.weights)
+        whole, plain = as_a_whole(fit, trial), solve_model(record, model, fit.weights, fit.plain)
         left = try_group(plain, fit.weights, trial.candidate, whole.group)
         share = left.gain / max(whole.gain, 1e-300)
     return min(1.0, own.p_value * len(fit.trials)), share, found
@@ -119,7 +119,7 @@ def ripple_gain(fit: Fitted, trial: Trial) -> float:
     while parts:
         symbols = tuple(f"ripple {k + 1}" for k in range(len(parts)))
         model = fit.model.plus(Group(None, symbols, fit.record.stack_all(parts), {}), 1.0)
-        beside = solve_model(fit.record, model, whitener)
+        beside = solve_model(fit.record, model, whitener, solved)
         drags = beside.values[-len(parts) :] >= 0.0
         if drags.all():
             return solved.chi2 - beside.chi2
@@ -349,7 +349,7 @@ def sized(fit: Fitted, trial: Trial, least: float) -> Trial:
     if not trial.candidate.effect.structure.judged_in_part:
         return trial
     whole, model = as_a_whole(fit, trial), with_rivals(fit, trial)
-    beside = fit.plain if model is None else solve_model(fit.record, model, fit.weights)
+    beside = fit.plain if model is None else solve_model(fit.record, model, fit.weights, fit.plain)
     part, all_of_it = (try_group(beside, fit.weights, trial.candidate, one.group).gain for one in (trial, whole))
     return replace(whole, plain_gain=whole.gain) if part > least * all_of_it else trial
 

@@ -239,7 +239,7 @@ def moved_to(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Fit
         The same effects, of other shapes.
     """
     record, model = _model(design, fit, accepted)
-    solved = solve_model(record, model, fit.weights)
+    solved = solve_model(record, model, fit.weights, fit.plain)
     return replace(fit, record=record, model=model, accepted=accepted, plain=solved, estimate=solved)
 
 
@@ -267,7 +267,7 @@ def tangent_of(design: Design, fit: Fitted, free: Sequence[Free]) -> Solved:
             raise UnavailableError("a shape does nothing")
     rows = tuple(row if np.any(row) else None for row in np.array(slopes).swapaxes(0, 1))
     model = fit.model.plus(Group(None, tuple(f"shape {k}" for k in range(len(free))), rows, {}))
-    return solve_model(fit.record, model, fit.weights)
+    return solve_model(fit.record, model, fit.weights, fit.plain)
 
 
 def _moved(design: Design, fit: Fitted, free: Sequence[Free], step: Array) -> Fitted | None:
@@ -276,7 +276,7 @@ def _moved(design: Design, fit: Fitted, free: Sequence[Free], step: Array) -> Fi
     for halved in range(HALVINGS):
         accepted = shifted(fit.accepted, free, step / 2.0**halved)
         record, model = _model(design, fit, accepted)
-        solved = solve_model(record, model, fit.weights)
+        solved = solve_model(record, model, fit.weights, fit.plain)
         inside = bounded(solved)
         if inside.chi2 < before:
             return replace(fit, record=record, model=model, accepted=accepted, plain=solved, estimate=inside)

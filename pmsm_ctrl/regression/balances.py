@@ -26,7 +26,6 @@ from pmsm_ctrl.regression.drive_timing import (
     UNDELAYED,
     DriveTiming,
     drive_sampling,
-    emf_left,
     in_time,
     possible_sampling,
     stated_timing,
@@ -263,13 +262,6 @@ class Record:
         """Time derivative at the log's rate."""
         return derivative(values, self.period)
 
-    def emf_left(self) -> Array | None:
-        """Torque error of a command by the back-emf, at the log's rate; see `drive_timing`."""
-        if (key := ("emf",)) not in self.kept:
-            self.kept[key] = emf_left(self.design, self.signals["alpha"], self.period, self.sampling_stated)
-        column: Array | None = self.kept[key]
-        return column
-
     def acceleration(self) -> Array:
         """Filtered and thinned acceleration, shape (m,)."""
         key = ("alpha",)
@@ -474,8 +466,7 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
     """
     signals = dict(record.signals)
     t = record.prepared.t
-    torque = record.at_full_rate(predicted) + signals.get("T_load", np.zeros_like(t))
-    signals["torque"] = torque
+    signals["torque"] = torque = record.at_full_rate(predicted) + signals.get("T_load", np.zeros_like(t))
     signals["torque_wide"] = torque + _beyond_band(record, "torque_meas", late)
     motor, per_ampere = record.design.motor, np.full(len(t), record.design.K_t_assumed)
     if motor.p is not None and motor.L_d is not None and motor.L_q is not None and "i_d" in signals:

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
+from pmsm_ctrl.evidence.linalg import own_shares
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque
 from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.lateness import lateness, with_sampling_bounded
-from pmsm_ctrl.regression.model import OWN, Model, Solved, base_groups, solve_model, with_torque_held
+from pmsm_ctrl.regression.model import FIXED, OWN, Model, Solved, base_groups, solve_model
 from pmsm_ctrl.regression.saturated import Saturated, rough_solution, rough_weights, saturated, whiteners
 from pmsm_ctrl.regression.spread import with_spread
 
@@ -170,13 +171,13 @@ def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...
     record = with_bristles(design, record, accepted)
     model, notes = assembled(design, record, accepted, settled)
     left = saturated(record, model)
-    rough = rough_solution(record, with_torque_held(record, model), left, rough_weights(record, left))
+    rough = rough_solution(record, _with_torque_held(record, model), left, rough_weights(record, left))
     for _ in range(PASSES):
         torque, late = true_torque(model, rough), delay_of(model, rough.values)
         del model, rough, left  # the matrix of a long log is large: the next one takes its place
         record = with_modelled_torque(record, torque, late)
         model, notes = assembled(design, record, accepted, settled)
-        model = with_torque_held(record, model, OWN)
+        model = _with_torque_held(record, model, OWN)
         left = saturated(record, model)
         weights = rough_weights(record, left)
         rough = rough_solution(record, model, left, weights)
@@ -187,6 +188,26 @@ def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...
         if abs(delay_of(model, rough.values) - (record.late or 0.0)) < LATE * record.period:
             break
     return Settled(record, model, rough, notes, left)
+
+
+def _with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:
+    """Hold the design's terms that read the torque, unless at least this share of each is independent of other columns.
+
+    Friction proportional to the torque explains all of it where the axis is driven in one direction only: with a factor
+    of one and an inertia of zero.
+    """
+    sigma = model.sigma.copy()
+    held = [k for k in np.flatnonzero(model.nominal).tolist() if _reads_torque(model.group_of(k).effect)]
+    if held:
+        shares = own_shares(model.matrix[0] * (record.weight[0] * record.mask)[:, None])
+        for k in held:
+            if shares[k] <= least:
+                sigma[k] = FIXED * abs(model.nominal[k])
+    return replace(model, sigma=sigma)
+
+
+def _reads_torque(effect: Effect | None) -> bool:
+    return effect is not None and effect.enters == "torque" and "torque" in effect.signals
 
 
 def estimated(record: Record, model: Model, left: Saturated) -> Estimated:

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.structures.interface import Known
-from pmsm_ctrl.evidence.linalg import factored, occupied, orthonormal_rows, own_shares
+from pmsm_ctrl.evidence.linalg import factored, occupied, orthonormal_rows
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
-from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, STATED_WITHIN
+from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, STATED_WITHIN, emf_left
 from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
 from pmsm_ctrl.regression.slow_inertia import slow_inertia
@@ -38,7 +37,6 @@ __all__ = [
     "noise_share",
     "solve_model",
     "solve_on_factors",
-    "with_torque_held",
 ]
 
 Array = NDArray[np.float64]
@@ -200,6 +198,15 @@ class Solved:
         n = self.bases[row].shape[1]
         return self.rest[row * n : (row + 1) * n]
 
+    def factors_of(self, row: int, model: Model) -> tuple[Array, Array] | None:
+        """Basis and triangle of one balance for another model; None where that has other columns in it."""
+        own, inside = self.model.entering[row], model.entering[row]
+        if not self.bases or not np.array_equal(own, inside):
+            return None
+        if not np.array_equal(self.model.matrix[row].T[own], model.matrix[row].T[inside]):
+            return None
+        return self.bases[row], self.triangle[self.parts[row]][:, own]
+
     def predicted(self, matrix: Array | None = None) -> Array:
         """Predicted balances, shape (channels, m)."""
         return (self.model.matrix if matrix is None else matrix) @ self.values
@@ -348,28 +355,15 @@ def _sampling_terms(record: Record, settled: bool) -> Iterator[_Term]:
         curved = record.rate_of(record.rate_of(torque))
         known = max(record.sampling, record.timing.lag) ** 2 / 6.0
         yield _Term(SPREAD, lambda: {"torque": curved}, 0.0, known if settled else np.inf, True)
-    if (column := record.emf_left()) is not None:
+    if (column := _emf_left(record)) is not None:
         yield _Term(EMF, lambda: {"torque": column}, 0.0, EMF_LATE, True)
 
 
-def with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:
-    """Hold the design's terms that read the torque, unless at least this share of each is independent of other columns.
-
-    Friction proportional to the torque explains all of it where the axis is driven in one direction only: with a factor
-    of one and an inertia of zero.
-    """
-    sigma = model.sigma.copy()
-    held = [k for k in np.flatnonzero(model.nominal).tolist() if _reads_torque(model.group_of(k).effect)]
-    if held:
-        shares = own_shares(model.matrix[0] * (record.weight[0] * record.mask)[:, None])
-        for k in held:
-            if shares[k] <= least:
-                sigma[k] = FIXED * abs(model.nominal[k])
-    return replace(model, sigma=sigma)
-
-
-def _reads_torque(effect: Effect | None) -> bool:
-    return effect is not None and effect.enters == "torque" and "torque" in effect.signals
+def _emf_left(record: Record) -> Array | None:
+    if (key := ("emf",)) not in record.kept:
+        record.kept[key] = emf_left(record.design, record.signals["alpha"], record.period, record.sampling_stated)
+    column: Array | None = record.kept[key]
+    return column
 
 
 def known(model: Model, values: Array) -> Known:
@@ -430,7 +424,7 @@ def _winding(design: Design, record: Record) -> Iterator[_Term]:
         yield _Term(name, part, nominal, sigma, modelled)
 
 
-def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
+def solve_model(record: Record, model: Model, whitener: Whitener, like: Solved | None = None) -> Solved:
     """Solve by generalised least squares with the parameters' tolerances as priors.
 
     The whitened columns of each balance are factored, and the model is solved on the triangular factors.
@@ -440,14 +434,17 @@ def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
     record : Record
     model : Model
     whitener : Whitener
+    like : Solved, optional
+        Another model solved with the same whitener: its factors serve in the balances in which both have the same
+        columns.
     """
     count = len(model.sigma)
     bases, triangles, along, rest = [], [], [], []
     for row, matrix in enumerate(model.matrix):
-        entering = model.entering[row]
-        basis, triangle = orthonormal_rows(whitener.part(row, matrix.T[entering]))
+        shared = None if like is None else like.factors_of(row, model)
+        basis, triangle = shared or orthonormal_rows(whitener.part(row, matrix.T[model.entering[row]]))
         full = np.zeros((len(triangle), count))
-        full[:, entering] = triangle
+        full[:, model.entering[row]] = triangle
         bases.append(basis)
         triangles.append(full)
         target = whitener.part(row, record.target[row])

@@ -161,7 +161,7 @@ def test_an_effect_is_sized_as_a_whole_where_most_of_it_is_beyond_noise(
     seen, whole = trial("part", 10.0), trial("whole", 300.0)
     monkeypatch.setattr(measures, "as_a_whole", lambda fit, trial: whole)
     monkeypatch.setattr(measures, "with_rivals", lambda fit, trial: "model with rivals")
-    monkeypatch.setattr(measures, "solve_model", lambda record, model, weights: "solved beside the rivals")
+    monkeypatch.setattr(measures, "solve_model", lambda record, model, weights, like: "solved beside the rivals")
     monkeypatch.setattr(measures, "try_group", beside)
     fit: Any = SimpleNamespace(record=None, weights=None, plain=None)
     found = sized(fit, seen, 0.5)
