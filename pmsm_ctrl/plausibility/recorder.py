@@ -119,15 +119,19 @@ def _joined(log: Log) -> tuple[Log, tuple[Notice, ...]]:
 
 
 def _lost(log: Log) -> tuple[Notice, ...]:
-    """Samples that are missing without a gap: the angle advances by a whole number of usual steps at once."""
+    """Samples that are missing without a gap: the angle advances by two usual steps at once amid even ones.
+
+    A motion that accelerates has other steps further off. Jitter of the sampling makes steps of every length: those of
+    one and a half and of half a usual step are then more than those of two, and take their place in the count.
+    """
     if "theta" not in log or len(log) < 1000:
         return ()
     step, dt = np.diff(log["theta"]), np.diff(log.t)
-    usual = 0.5 * (step[1:-3] + step[3:-1])  # two away, so that a neighbour that is lost as well matters less
-    here = step[2:-2]
+    here, before, after = step[2:-2], step[1:-3], step[3:-1]
+    usual, further = 0.5 * (before + after), 0.5 * (step[:-4] + step[4:])
     grain = quantum(log["theta"])
     grain = grain if math.isfinite(grain) else 0.0
-    calm = np.abs(step[1:-3] - step[3:-1]) < 0.1 * np.abs(usual) + 2.0 * grain
+    calm = np.maximum(np.abs(before - after), np.abs(further - usual)) < 0.1 * np.abs(usual) + 2.0 * grain
     fast = np.abs(usual) > max(POLICY.counts * grain, 0.2 * float(np.percentile(np.abs(step), 99)))
     even = np.abs(dt[2:-2] - log.period) < 0.2 * log.period
     judged = calm & fast & even
@@ -135,7 +139,8 @@ def _lost(log: Log) -> tuple[Notice, ...]:
         return ()
     ratio = here[judged] / usual[judged]
     missing = np.abs(ratio - 2.0) < 0.25
-    share = float(missing.mean())
+    uneven = np.abs(np.abs(ratio - 1.0) - 0.5) < 0.25
+    share = float(missing.mean() - uneven.mean())
     return (say.LOST_SAMPLES(percent=100.0 * share),) if share > POLICY.lost_samples else ()
 
 

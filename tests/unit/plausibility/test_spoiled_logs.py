@@ -10,6 +10,7 @@ import pytest
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import examine
+from pmsm_ctrl.plausibility.recorder import recorded
 from tests.benchmarks.spoiled_logs import SPOILED
 from tests.effort import seeds, slow
 from tests.unit.plausibility.drives import F_C, K_T, PSI, believed, drawn
@@ -116,6 +117,28 @@ def test_a_sound_log_raises_nothing(seed: int) -> None:
     }
     for name, made in sound.items():
         assert examine(believed(), made).notices == (), name
+
+
+@pytest.mark.parametrize("spread", [0.75, 1.0])
+def test_samples_that_are_taken_unevenly_are_not_lost(spread: float) -> None:
+    # a drive samples at some tick of its control within each period of the log; the stamps are even
+    for seed in SEEDS:
+        log = drawn(seed)
+        ticks = 0.25 * log.period * np.random.default_rng(seed).integers(0, round(4.0 * spread) + 1, len(log))
+        theta = np.interp(log.t + ticks, log.t, log["theta"])
+        codes = [notice.code for notice in examine(believed(), log.with_channels(theta=theta)).notices]
+        assert "lost_samples" not in codes
+
+
+def test_the_top_of_a_short_move_is_no_lost_sample() -> None:
+    # moves of five samples: 0.1, 1, 1.9, 1 and 0.1 of a step, beside long ones at an even speed
+    moves = [0.0, 0.1, 1.0, 1.9, 1.0, 0.1, 0.0, *np.linspace(0.0, 1.0, 20), *[1.0] * 60, *np.linspace(1.0, 0.0, 20)]
+    step = 0.2 * np.tile([*moves, *(-v for v in moves)], 30)
+    log = Log({"t": 5e-3 * np.arange(step.size), "theta": np.cumsum(step), "i_q": np.gradient(step)})
+    assert "lost_samples" not in [notice.code for notice in recorded(believed(), log).notices]
+    keep = np.random.default_rng(1).random(step.size) >= 0.05
+    lost = Log({name: values[: keep.sum()] if name == "t" else values[keep] for name, values in log.channels.items()})
+    assert [notice.code for notice in recorded(believed(), lost).notices] == ["lost_samples"]
 
 
 @pytest.mark.parametrize(
