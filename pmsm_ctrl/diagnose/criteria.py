@@ -409,7 +409,8 @@ def no_plain_error_worse(
     """Check that an effect on the torque does not raise its error, all samples weighted alike.
 
     Where the typical error falls, only samples with an error of another order have a larger one: edges of the torque
-    that the log did not sample, whose error is the same with any model.
+    that the log did not sample, whose error is the same with any model. An effect that adds more error than there was
+    is no such edge.
 
     Parameters
     ----------
@@ -419,7 +420,7 @@ def no_plain_error_worse(
         Median absolute error after, over that before.
     policy : Policy
     """
-    if typical <= policy.lowered:
+    if typical <= policy.lowered and after**2 <= 2.0 * before**2:
         return None
     return Refusal(Reason.BALANCE_WORSE, {"balance": "torque"}) if after > policy.unchanged * before else None
 

@@ -23,6 +23,7 @@ from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = [
     "WINDING",
+    "amplitudes",
     "as_a_whole",
     "beside_rivals",
     "contribution",
@@ -227,6 +228,23 @@ def has_own_order(fit: Fitted, trial: Trial) -> bool:
     if not effect.order:
         return False
     return all(round(trial.group.shape[effect.order]) != order_of(one, p) for one in fit.accepted)
+
+
+def amplitudes(fit: Fitted, number: int) -> dict[str, tuple[float, float]]:
+    """Return what multiplies the columns of an accepted effect, and the standard errors; none without a column.
+
+    Parameters
+    ----------
+    fit : Fitted
+    number : int
+        Of the effect.
+    """
+    position = fit.position(number)
+    if position is None:
+        return {}
+    columns = fit.model.columns_of(position)
+    values, stderr = fit.estimate.values[columns].tolist(), fit.plain.stderr[columns].tolist()
+    return dict(zip(fit.model.names[columns], zip(values, stderr, strict=True), strict=True))
 
 
 def order_of(one: Accepted, pole_pairs: int) -> int:

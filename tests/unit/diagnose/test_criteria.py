@@ -223,6 +223,7 @@ def test_an_effect_on_the_torque_raises_no_error() -> None:
 def test_only_edges_may_have_a_larger_error_where_the_typical_one_falls() -> None:
     falls, stays = 0.99 * POLICY.lowered, 1.01 * POLICY.lowered
     assert criteria.no_plain_error_worse(1.0, 1.15, falls) is None
+    assert reason(criteria.no_plain_error_worse(1.0, 1.5, falls)) is Reason.BALANCE_WORSE
     assert reason(criteria.no_plain_error_worse(1.0, 1.01, stays)) is Reason.BALANCE_WORSE
 
 
