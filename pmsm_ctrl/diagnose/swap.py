@@ -75,7 +75,8 @@ def better(other: Rest, present: Rest, policy: Policy = POLICY) -> bool:
     """Whether a selection leaves less; where that is a tie, whether it leaves less of what prewhitening brings out.
 
     One that has all effects of the other and more must leave less, and those were refused beside the other because they
-    were not confirmed: what is no effect beside the right one is none because it came first.
+    were not confirmed: what is no effect beside the right one is none because it came first. One that has fewer of them
+    may leave as much, what its parameters cost allowed for.
 
     Parameters
     ----------
@@ -86,7 +87,8 @@ def better(other: Rest, present: Rest, policy: Policy = POLICY) -> bool:
     tie = policy.tie(max(other.gain, present.gain))
     if present.effects < other.effects:
         return less > tie and present.unconfirmed.issuperset(other.effects - present.effects)
-    return less > 0.0 if abs(less) > tie else other.white < present.white
+    fewer = policy.tied_gain if other.effects < present.effects and less > 0.0 else 0.0
+    return less > 0.0 if abs(less) > tie else other.white < present.white + fewer
 
 
 def rival_ids(found: Rest, other: Rest, policy: Policy = POLICY) -> tuple[str, str] | None:
