@@ -146,13 +146,23 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
     for d in deviations:
         if d.parameter == "K_t" and d.flagged:
             percent = 100.0 * (d.nominal / d.estimate - 1.0)
-            yield notices.TORQUE_CONSTANT(nominal=d.nominal, percent=percent, estimate=d.estimate)
+            other = _pole_pairs_instead(fit.record.design, d, policy)
+            yield notices.TORQUE_CONSTANT(nominal=d.nominal, percent=percent, estimate=d.estimate, other=other)
     if fit.record.age is None:
         return
     k = fit.model.names.index("tau_speed")
     lag, error = fit.record.age + float(fit.plain.values[k]), float(fit.plain.stderr[k])
     if abs(lag) > max(policy.sure_errors * error, 0.1 * fit.record.period):
         yield notices.SPEED_LAG(lag=with_error(1e3 * lag, 1e3 * error))
+
+
+def _pole_pairs_instead(design: Design, constant: Deviation, policy: Policy) -> str:
+    """Say that another whole number of pole pairs makes the same of the torque constant, up to its tolerance."""
+    p, ratio = design.motor.p or 0, constant.estimate / constant.nominal
+    whole = round(p * ratio)
+    if whole in (0, p) or abs(p * ratio / whole - 1.0) > _allowed(design, policy):
+        return ""
+    return f"; a motor with {whole} pole pairs in place of {p} shows the same"
 
 
 def winding_substitutes(selection: Selection, policy: Policy = POLICY) -> Iterator[Notice]:

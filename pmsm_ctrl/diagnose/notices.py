@@ -76,7 +76,7 @@ ESTIMATE_AT_BOUND = Template(
 TORQUE_CONSTANT = Template(
     "torque_constant",
     "the torque constant of the evaluation, {nominal:.4g} N m/A, is {percent:+.1f} % off the one that the voltages "
-    "show ({estimate:.4g} N m/A): J, F_c, F_v and every other torque are off by the same factor",
+    "show ({estimate:.4g} N m/A): J, F_c, F_v and every other torque are off by the same factor{other}",
 )
 SPEED_LAG = Template(
     "speed_lag",

@@ -134,12 +134,19 @@ def _of_inertia(ratio: float, from_current: bool, before: float) -> Finding:
 
 
 def _together(design: Design, seen: Mapping[str, tuple[float, float, int]], before: float) -> bool:
-    """Whether another whole number of pole pairs explains what no ratio shows alone."""
+    """Whether another whole number of pole pairs explains what no ratio shows alone.
+
+    A flux that a hot or damaged magnet has lost makes the same of voltage and torque as fewer pole pairs, up to the
+    cross-coupling, whose inductance is known least: where that does not decide, it is a wrong parameter.
+    """
     p = design.motor.p
     if p is None or "psi_f" not in seen or "X" not in seen:
         return False
     powers = _POWERS[Cause.POLE_PAIRS]
     factor = _factor(design, Cause.POLE_PAIRS, powers, seen)
+    if -math.log(POLICY.limit["psi_f"]) < seen["psi_f"][0] < 0.0:
+        lost = _POWERS[Cause.FLUX]
+        before = min(before, _misfit(seen, lost, _factor(design, Cause.FLUX, lost, seen)))
     return abs(factor - 1.0) > 0.5 / p and before - _misfit(seen, powers, factor) > POLICY.together
 
 

@@ -13,7 +13,7 @@ from pmsm_ctrl.plausibility import examine
 from pmsm_ctrl.plausibility.recorder import recorded
 from tests.benchmarks.spoiled_logs import SPOILED
 from tests.effort import seeds, slow
-from tests.unit.plausibility.drives import F_C, K_T, PSI, believed, drawn
+from tests.unit.plausibility.drives import F_C, K_T, PSI, L, believed, drawn
 from tests.unit.plausibility.drives import R as RESISTANCE
 
 CONTRADICTIONS = {
@@ -177,6 +177,20 @@ def test_another_number_of_pole_pairs_is_inferred() -> None:
     for p in (1, 2, 3, 8):
         notice = examine(believed(p=p), drawn(3)).contradictions[0]
         assert (notice.code, notice.detail["found"]) == ("pole_pairs", 4)
+
+
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("lost", [0.77, 0.8, 0.85])
+def test_a_magnet_that_lost_a_fifth_is_no_other_number_of_pole_pairs(lost: float, seed: int) -> None:
+    # the inductance of the datasheet is off by as much: voltages and torque are those of 3 pole pairs, nearly
+    design = believed(psi_f=PSI / lost, L_d=L / lost, L_q=L / lost)
+    assert examine(design, drawn(seed)).notices == ()
+
+
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
+def test_no_magnet_gains_a_third(seed: int) -> None:
+    for p in (2, 3):
+        assert examine(believed(p=p), drawn(seed)).contradictions[0].code == "pole_pairs"
 
 
 @pytest.mark.parametrize("milliseconds", [8.0, 20.0, 80.0])
