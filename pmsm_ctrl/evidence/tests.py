@@ -87,9 +87,9 @@ def rank_test(gains: Array) -> float:
     Parameters
     ----------
     gains : array, shape (blocks,)
-        Without any the p-value is 1.
+        Without any, or where all are zero, the p-value is 1.
     """
-    if len(gains) == 0:
+    if not np.any(gains):
         return 1.0
     size = np.sort(np.abs(gains))
     if size[0] == 0.0 or np.any(np.diff(size) == 0.0) or len(gains) > MOST_EXACT:

@@ -29,6 +29,11 @@ def test_rank_test_is_scipys(rng: np.random.Generator, n: int) -> None:
         assert rank_test(gains) == pytest.approx(wilcoxon(gains, alternative="greater").pvalue, rel=1e-9)
 
 
+@pytest.mark.parametrize("blocks", [0, 1, 8, 60])
+def test_gains_of_zero_say_nothing(blocks: int) -> None:
+    assert rank_test(np.zeros(blocks)) == 1.0
+
+
 def test_rank_test_bears_equal_gains() -> None:
     gains = np.array([1.0, -1.0, 2.0, 3.0, 3.0, 0.0, 4.0, 5.0])
     assert rank_test(gains) == pytest.approx(wilcoxon(gains, alternative="greater").pvalue)
