@@ -25,17 +25,18 @@ __all__ = ["deviation_notices", "parameter_deviations", "winding_substitutes"]
 UNITS = {"J": "kg m^2", "R": "Ohm", "L_d": "H", "L_q": "H", "psi_f": "Wb", "K_t": "N m/A"}
 
 
-def parameter_deviations(design: Design, fit: Fitted, policy: Policy = POLICY) -> tuple[Deviation, ...]:
+def parameter_deviations(design: Design, selection: Selection, policy: Policy = POLICY) -> tuple[Deviation, ...]:
     """Return the deviations: torque constant, then inertia and winding, then the design's own effects.
 
     Parameters
     ----------
     design : Design
-    fit : Fitted
+    selection : Selection
     policy : Policy
     """
+    fit = selection.fit
     constant = _torque_constant if "psi_f" in fit.model.names else _torque_constant_by_load
-    return (*constant(design, fit, policy), *_machine(design, fit, policy), *_effects(fit), *_timing(fit))
+    return (*constant(design, fit, policy), *_machine(design, selection, policy), *_effects(fit), *_timing(fit))
 
 
 def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:
@@ -68,17 +69,44 @@ def _torque_constant_by_load(design: Design, fit: Fitted, policy: Policy) -> Ite
         yield Deviation("K_t", nominal, estimate, error, unit, outside, False, "by the known load")
 
 
-def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:
+def _machine(design: Design, selection: Selection, policy: Policy) -> Iterator[Deviation]:
+    fit = selection.fit
     for name, (value, error, nominal, tolerance) in machine_of(design, fit, policy.tolerance).items():
         outside = abs(value - nominal) - tolerance * nominal > policy.sure_errors * error
         flagged = outside and _is_seen(fit, fit.model.names.index(name), _edge(nominal, value, tolerance), policy)
-        note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else _unseen(outside)
+        doubt = _doubted(selection, name, value, _edge(nominal, value, tolerance)) if flagged else ""
+        flagged = flagged and not doubt
+        note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else doubt or _unseen(outside)
         if flagged and name in WINDING:
             note += _restored_by(fit, policy)
         if flagged and name == "J" and not fit.record.sampling_stated:
             note += f", if the {fit.record.drive} was not sampled in step with a held reference"
         unit = axis_unit(UNITS[name], fit.record.prepared.motion)
         yield Deviation(name, nominal, value, error, unit, outside, flagged, note)
+
+
+def _doubted(selection: Selection, name: str, value: float, edge: float) -> str:
+    """Return why a parameter of the winding beyond the end of its tolerance is none of the motor; empty where it is.
+
+    Where an effect was named that resembles it, the parameter is known no better than the effect's shape: an error of
+    the shape moves it by a share of what the effect itself moved it.
+    """
+    if name not in WINDING:
+        return ""
+    if value <= 0.0:
+        return "no motor has one below zero: an effect of another shape than the model's resembles it"
+    found = [float(fit.plain.values[fit.model.names.index(name)]) for fit in selection.fits]
+    moved, by = max(
+        (
+            (abs(after - before), step)
+            for before, after, step in zip(found[:-1], found[1:], selection.steps, strict=True)
+        ),
+        key=lambda one: one[0],
+        default=(0.0, None),
+    )
+    if by is None or moved <= abs(value - edge):
+        return ""
+    return f"outside its tolerance, but {name_of(by.trial)} resembles it and moved it by {moved:.3g}: not sure"
 
 
 def _unseen(outside: bool) -> str:

@@ -55,7 +55,7 @@ def outcome(
     blind = not_excited(final, policy)
     offered = {name: effect for name, effect in case.effects.items() if name not in {step.effect for step in steps}}
     hidden = hidden_by_motion(final, offered, policy)
-    deviations = parameter_deviations(case.design, final, policy)
+    deviations = parameter_deviations(case.design, selection, policy)
     records = _records(case, told)
     asides = (blind, *((None, left) if structure is not None and not structure.confirmed else (left, None)))
     verdict, reasons = judged(selection, case.believed, asides, deviations, policy)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from pmsm_ctrl.diagnose.deviations import deviation_notices
+from pmsm_ctrl.diagnose import deviations
+from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviations
 from pmsm_ctrl.diagnose.result import Deviation
 from tests.unit.plausibility.drives import believed
 
@@ -28,3 +30,35 @@ def told(p: int, ratio: float) -> str:
     fit: Any = SimpleNamespace(record=SimpleNamespace(design=design, age=None))
     (notice,) = deviation_notices((deviation,), fit)
     return notice.text
+
+
+@pytest.mark.parametrize(("found", "flagged"), [
+    ((4.0,), True),  # hot, and no effect is named
+    ((4.2, 4.0), True),  # an effect is named that has little to do with it
+    ((8.0, 5.0), False),  # a dead time that was a resistance, and would be the rest of it with another shape
+    ((9.0, 0.4), False),  # or made too much of it
+    ((5.0, 9.0, 8.9), True),  # further off than any of two moved it
+    ((20.0, -1.0), False),
+    ((-1.0,), False),
+])  # fmt: skip
+def test_a_resistance_is_flagged_where_no_named_effect_can_be_it(
+    found: tuple[float, ...], flagged: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(deviations, "seen_beyond", lambda *_: 1.0)
+    (R,) = parameter_deviations(believed(R=2.0, tolerance={"R": 0.3}), selected(found))
+    assert (R.outside, R.flagged) == (True, flagged)
+    assert flagged == R.note.startswith("beyond its tolerance of 30 %")
+    assert ("dead_time resembles it" in R.note) == (not flagged and found[-1] > 0.0)
+
+
+def selected(found: tuple[float, ...]) -> Any:
+    """Steps of dead time, and what R was before the first and after each."""
+    model = SimpleNamespace(names=("R",), nominal=np.array([2.0]), group_of=lambda k: SimpleNamespace(effect=None))
+    record = SimpleNamespace(sampling_stated=True, prepared=SimpleNamespace(motion="rotary", signals={}))
+    fits = []
+    for value in found:
+        solved = SimpleNamespace(values=np.array([value]), stderr=np.array([0.01]))
+        fits.append(SimpleNamespace(model=model, plain=solved, estimate=solved, record=record, trials=()))
+    candidate = SimpleNamespace(effect=SimpleNamespace(label=lambda shape: "dead_time"))
+    step = SimpleNamespace(trial=SimpleNamespace(candidate=candidate, group=SimpleNamespace(shape={})))
+    return SimpleNamespace(fit=fits[-1], fits=tuple(fits), steps=(step,) * (len(found) - 1))
