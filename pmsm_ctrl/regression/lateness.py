@@ -105,7 +105,11 @@ def _with_sampling_held(record: Record, model: Model, fit: Solved, estimates: Re
         if by is not None:
             held[model.names.index(SPREAD)] = by.spread
     settled = _holding(model, held, {k: record.sampling, model.names.index(SPREAD): record.sampling**2})
-    return settled if by is None else replace(settled, responses=(by.responses[LATENESS], by.responses[SPREAD]))
+    if by is None:
+        return settled
+    inside = -record.early <= late <= record.sampling  # at its bound a delay stays, whatever the torque is
+    names = (LATENESS, SPREAD) if inside else (SPREAD,)
+    return replace(settled, responses=tuple(by.responses[name] for name in names))
 
 
 def _with_inertia_held(model: Model, fit: Solved, estimates: ReferenceEstimates) -> Model:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from pmsm_ctrl.compare import compare
@@ -49,6 +51,27 @@ def test_a_weak_saturation_is_named() -> None:
     assert step.effect == "torque_saturation"
     assert step.parameters["k_s"].value == pytest.approx(0.01271, abs=3.0 * step.parameters["k_s"].stderr)
     assert added(world.design, simulate_world(world, {"saturation": 0.01271}), "torque_saturation").supported
+
+
+def test_a_delay_at_its_bound_does_not_answer_to_a_candidate() -> None:
+    """The delay by the reference was held at its bound, and a candidate was judged as if it moved with the torque."""
+    world = draw(1080061)  # margin 9; a bristle of Dahl's, which is elastic nowhere, bends over 0.18 rad
+    found = diagnose(world.design, simulate_world(world, {"bristle": 0.179525}), plan=False)
+    (step,) = found.steps
+    assert step.effect == "presliding"
+    assert found.errors["final"]["torque"]["relative"] < 0.1 * found.errors["base"]["torque"]["relative"]
+
+
+@pytest.mark.slow
+def test_a_wave_above_the_band_is_named_in_a_band_that_holds_it() -> None:
+    """It was called a Stribeck friction, from what the band holds of it where the axis starts and stops."""
+    world = draw(1050184)  # margin 4.8
+    log = simulate_world(world, {"wave": 0.1916737, "wave_order": 72.0, "wave_phase": 4.836555})
+    (step,) = diagnose(world.design, log, plan=False).steps
+    assert step.effect == "cogging"
+    found = {name: one.value for name, one in step.parameters.items()}
+    assert found["order"] == 72.0
+    assert math.hypot(found["a_s"], found["a_c"]) == pytest.approx(0.1916737, rel=0.1)
 
 
 def test_an_effect_that_explains_a_minor_part_is_named_where_half_the_band_shows_nothing_else() -> None:
