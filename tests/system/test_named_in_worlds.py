@@ -11,6 +11,7 @@ from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.adding import added
 from tests.benchmarks.worlds.hidden import hidden_log, simulate_world
 from tests.benchmarks.worlds.world import draw
+from tests.effort import slow
 
 
 def test_an_effect_that_noise_hides_in_the_usual_band_is_found_in_half_of_it() -> None:
@@ -117,13 +118,26 @@ def test_friction_that_falls_to_a_fifth_is_stribeck_friction() -> None:
     assert step.parameters["dF_s"].value == pytest.approx(hidden["stribeck"], rel=0.1)
 
 
-def test_a_gap_is_sized_as_a_whole_where_noise_is_not_most_of_it() -> None:
-    """The samples in which its load moves otherwise than the shaft by more than noise hold 43 % of the excess."""
-    world = draw(1010102)  # margin 3.0
-    values = {"gap": 8.391780e-3, "load_inertia": 3.158569e-3, "stiffness": 2805.6445, "damping": 1.1907525}
+@pytest.mark.parametrize(
+    ("seed", "within", "values"),
+    [
+        (1040036, 0.4, {  # margin 6.9; the staircase of a mean over a log period, the gap comes out a third too large
+            "gap": 0.010451110045301191, "load_inertia": 5.569937403542665e-05, "stiffness": 49.47577084061722,
+            "damping": 0.020998169313509573,
+        }),
+        slow(1010102, 0.2, {  # margin 3.0
+            "gap": 8.391780e-3, "load_inertia": 3.158569e-3, "stiffness": 2805.6445, "damping": 1.1907525,
+        }),
+    ],
+)  # fmt: skip
+def test_a_gap_is_sized_as_a_whole_where_noise_is_not_most_of_it(
+    seed: int, within: float, values: dict[str, float]
+) -> None:
+    """The samples in which its load moves otherwise than the shaft by more than noise hold less than half of it."""
+    world = draw(seed)
     (step,) = diagnose(world.design, simulate_world(world, values), plan=False).steps
     assert step.effect == "backlash"
-    assert step.parameters["gap"].value == pytest.approx(values["gap"], rel=0.2)
+    assert step.parameters["gap"].value == pytest.approx(values["gap"], rel=within)
 
 
 @pytest.mark.slow
