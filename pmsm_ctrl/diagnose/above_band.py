@@ -16,9 +16,8 @@ from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.fast_orders import CLIPPED, PIECE, RESOLVED, second_difference
+from pmsm_ctrl.regression.fast_orders import CLIPPED, PIECE, RESOLVED, as_logged
 from pmsm_ctrl.regression.filters import low_pass
-from pmsm_ctrl.regression.timing import uniform, unwrapped
 
 __all__ = ["unlike_above"]
 
@@ -52,26 +51,24 @@ def _amount(log: Log, after: Fitted) -> tuple[float, float] | None:
     """
     one, record, number = after.accepted[-1], after.record, len(after.accepted) - 1
     order, position = order_of(one, record.design.motor.p or 0), after.position(number)
-    if not order or one.effect.signals != ("theta",) or record.linear or record.age is not None or position is None:
+    if not order or one.effect.signals != ("theta",) or one.effect.enters != "torque" or position is None:
         return None
-    t, raw, good, _ = uniform(log)
-    rate, cutoff, own = (len(t) - 1) / float(t[-1] - t[0]), record.cutoff, record.prepared
-    theta = unwrapped(raw["theta"])
+    whole, cutoff, own = as_logged(record.design, log), record.cutoff, record.prepared
+    if whole is None:
+        return None
+    t, rate = whole.t, whole.rate
     group, columns = after.model.groups[position], after.model.columns_of(position)
     values = dict(zip(group.symbols, after.estimate.values[columns].tolist(), strict=True))
     angle = np.interp(t, own.t, record.signals["theta"])  # where the records have one zero
     wave = column(one.effect, {"theta": angle}, dict(one.shape) | values)
-    J = float(after.estimate.values[after.model.names.index("J")])
-    drive = raw["torque"] if "torque" in raw else record.design.K_t_assumed * raw["i_q"]
-    torque = drive - J * second_difference(theta, rate)
-    moving = good & (np.interp(t, own.t, own.moving.astype(np.float64)) > 0.5)
+    torque = whole.without_inertia(float(after.estimate.values[after.model.names.index("J")]))
+    moving = whole.good & (np.interp(t, own.t, own.moving.astype(np.float64)) > 0.5)
 
     def fast(signal: Array) -> Array:
         above = low_pass(signal, rate, PASSED * cutoff) if PASSED * cutoff < FILTERED * rate else signal
         return np.asarray(above - low_pass(signal, rate, cutoff))
 
-    speed = np.abs(np.gradient(low_pass(theta, rate, min(cutoff, 0.2 * rate)), 1.0 / rate))
-    frequency = order * speed / (2.0 * np.pi)
+    frequency = order * whole.speed(cutoff) / (2.0 * np.pi)
     used = moving & (frequency > LOWEST * cutoff) & (frequency < min(HIGHEST * cutoff, RESOLVED * rate))
     place = np.floor((t[used] - t[0]) / PIECE).astype(np.int64)
     if np.count_nonzero(np.bincount(place)) < FEWEST:

@@ -7,6 +7,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 - `selection`: one round, the best candidate that passes
 - `swap`: effects that another one can replace
 - `bands`: the same log in a narrower band, where nothing is named and where a name is checked
+- `above_band`: a wave of a turn where it is too fast for the band
 - `shapes`: nonlinear parameters, fitted together with all others
 - `unexplained`: structure of the residual that no effect explains
 - `experiment`: the motion that separates what this log cannot

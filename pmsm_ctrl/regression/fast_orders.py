@@ -19,7 +19,7 @@ from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["CLIPPED", "PIECE", "RESOLVED", "WIDEST", "Beyond", "beyond_band", "orders_beyond", "second_difference"]
+__all__ = ["CLIPPED", "PIECE", "RESOLVED", "WIDEST", "AsLogged", "Beyond", "as_logged", "beyond_band", "orders_beyond"]
 
 Array = NDArray[np.float64]
 
@@ -46,6 +46,67 @@ WIDER, WIDEST = 1.25, 0.3
 CLIPPED = 5.0  # median magnitudes of the fast part of the drive signal: edges are no waves
 
 
+@dataclass(frozen=True, eq=False)
+class AsLogged:
+    """Angle and drive signal of a log with all that they hold above a band, at a uniform rate.
+
+    Attributes
+    ----------
+    t, theta, drive : array, shape (n,)
+        s, rad, N m.
+    good : bool array, shape (n,)
+        False around gaps.
+    rate : float
+        Hz.
+    """
+
+    t: Array
+    theta: Array
+    drive: Array
+    good: NDArray[np.bool_]
+    rate: float
+
+    def speed(self, cutoff: float) -> Array:
+        """Return the size of the speed, low-passed, shape (n,).
+
+        Parameters
+        ----------
+        cutoff : float
+            Hz.
+        """
+        slow = low_pass(self.theta, self.rate, min(cutoff, 0.2 * self.rate))
+        return np.asarray(np.abs(np.gradient(slow, 1.0 / self.rate)))
+
+    def without_inertia(self, J: float) -> Array:
+        """Return the drive signal less the torque of the inertia, shape (n,); the second difference is unfiltered.
+
+        Parameters
+        ----------
+        J : float
+            kg m^2.
+        """
+        left = self.drive.copy()
+        left[1:-1] -= J * self.rate**2 * np.diff(self.theta, 2)
+        return left
+
+
+def as_logged(design: Design, log: Log) -> AsLogged | None:
+    """Return angle and drive signal of a log; None for a linear axis, and without either.
+
+    Parameters
+    ----------
+    design : Design
+        For the torque constant.
+    log : Log
+    """
+    source = next((name for name in ("torque", "i_q") if name in log), None)
+    if log.motion == "linear" or source is None or "theta" not in log:
+        return None
+    t, raw, good, _ = uniform(log)
+    drive = raw[source] * (1.0 if source == "torque" else design.K_t_assumed)
+    return AsLogged(t, unwrapped(raw["theta"]), drive, good, (len(t) - 1) / float(t[-1] - t[0]))
+
+
 @dataclass(frozen=True)
 class Beyond:
     """Orders of a turn that lie above the bandwidth at nearly all speeds.
@@ -66,15 +127,14 @@ class Beyond:
 
 
 def orders_beyond(design: Design, log: Log, cutoff: float) -> tuple[Notice, ...]:
-    """Return notices of orders of a turn that lie above the bandwidth at nearly all speeds.
+    """Return what `beyond_band` says, as notices.
 
     Parameters
     ----------
     design : Design
-        For torque constant and inertia.
     log : Log
     cutoff : float
-        Bandwidth of the evaluation, Hz.
+        Hz.
     """
     found = beyond_band(design, log, cutoff)
     return () if found is None else (found.notice,)
@@ -93,30 +153,28 @@ def beyond_band(design: Design, log: Log, cutoff: float) -> Beyond | None:
     cutoff : float
         Bandwidth of the evaluation, Hz.
     """
-    source = next((name for name in ("torque", "i_q") if name in log), None)
-    if log.motion == "linear" or source is None or "theta" not in log:
+    whole = as_logged(design, log)
+    if whole is None or not 0.0 < cutoff < 0.4 * whole.rate:
         return None
-    t, raw, good, _ = uniform(log)
-    rate = (len(t) - 1) / float(t[-1] - t[0])
-    if not 0.0 < cutoff < 0.4 * rate:
-        return None
-    theta = unwrapped(raw["theta"])
-    drive = raw[source] * (1.0 if source == "torque" else design.K_t_assumed)
-    speed = np.abs(np.gradient(low_pass(theta, rate, min(cutoff, 0.2 * rate)), 1.0 / rate))
+    t, theta, drive, good, rate = whole.t, whole.theta, whole.drive, whole.good, whole.rate
+    speed = whole.speed(cutoff)
     moving = good & (speed > 0.002 * float(np.quantile(speed, 0.99)))
     chosen = np.flatnonzero(moving)[:: max(1, int(moving.sum()) // MOST)]
     if len(chosen) < FEWEST:
         return None
     chosen = chosen[np.argsort(speed[chosen], kind="stable")]
     odd = np.floor((t[chosen] - t[0]) / PIECE) % 2.0
-    found = np.zeros(HIGHEST)
-    for signal in (drive, drive - design.J * second_difference(theta, rate)):
+
+    def waves(signal: Array) -> tuple[Array, NDArray[np.bool_]]:
         fast = signal - low_pass(signal, rate, cutoff)
         limit = CLIPPED * float(np.median(np.abs(fast[good])))
         fast = np.clip(fast[chosen], -limit, limit)
-        waves, of_angle = _waves(theta[chosen], speed[chosen], fast, odd, (cutoff, RESOLVED * rate))
-        found = np.maximum(found, waves)
-    found[of_angle & (waves > 0.0)] = 0.0  # a line of the encoder, which the loop may answer
+        return _waves(theta[chosen], speed[chosen], fast, odd, (cutoff, RESOLVED * rate))
+
+    answered, _ = waves(drive)
+    unanswered, of_angle = waves(whole.without_inertia(design.J))
+    # a line of the encoder is no wave of the torque, though the loop may answer it
+    found = np.where(of_angle & (unanswered > 0.0), 0.0, np.maximum(answered, unanswered))
     rms = float(np.sqrt(np.mean(drive[moving] ** 2)))
     standing = np.flatnonzero(found > LEAST * rms) + 1
     unseen = [k for k in standing.tolist() if float(np.mean(k * speed[chosen] < 2.0 * np.pi * cutoff)) < JUDGED]
@@ -132,24 +190,6 @@ def beyond_band(design: Design, log: Log, cutoff: float) -> Beyond | None:
         percent=100.0 * above, slow=2.0 * np.pi * cutoff / min(named),
     )  # fmt: skip
     return Beyond(tuple(named), said, band if float(np.mean(frequency < band)) > JUDGED else 0.0)
-
-
-def second_difference(theta: Array, rate: float) -> Array:
-    """Return the acceleration of every sample but the first and the last, which get 0.
-
-    Parameters
-    ----------
-    theta : array, shape (n,)
-    rate : float
-        Hz.
-
-    Returns
-    -------
-    array, shape (n,)
-    """
-    found = np.zeros(len(theta))
-    found[1:-1] = np.diff(theta, 2) * rate**2
-    return found
 
 
 def _waves(

@@ -71,7 +71,7 @@ MUTATIONS = (
              "refusal = refusal or unlike_above(case, after)\n", "pass\n",
              "unit/diagnose/test_bands.py -k line_of_the_encoder"),
     Mutation("orders: lines of the encoder are waves of the torque", "regression/fast_orders.py",
-             "found[of_angle & (waves > 0.0)] = 0.0", "found[of_angle & (waves < 0.0)] = 0.0",
+             "np.where(of_angle & (unanswered > 0.0), 0.0,", "np.where(of_angle & (unanswered < 0.0), 0.0,",
              "unit/regression/test_fast_orders.py -k line_of_the_encoder"),
     Mutation("effects: one of which nothing is left keeps its name", "diagnose/swap.py",
              "False, policy) is not None:", "False, policy) is None:", "unit/diagnose/test_swap.py"),

@@ -94,6 +94,8 @@ def test_a_wave_that_no_loop_answers_is_named_in_a_band_that_holds_it(seed: int)
     assert wave["a_s"].value == pytest.approx(0.5, rel=0.05)
     assert "wider_band" in [one.code for one in found.notices]
     assert CODE not in [one.code for one in found.notices]
+    written = compare(found.design, log).log.errors["torque"].relative
+    assert written == pytest.approx(found.errors["final"]["torque"]["relative"], rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
