@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import Elsewhere, Fitted
 from pmsm_ctrl.errors import RequestError, nearest
-from pmsm_ctrl.regression.balances import with_direction
 from pmsm_ctrl.regression.base_fit import assembled, with_bristles
+from pmsm_ctrl.regression.modelled import with_direction
 
 __all__ = ["Contributions", "contributions_of", "parts_of"]
 

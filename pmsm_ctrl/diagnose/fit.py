@@ -26,7 +26,7 @@ from pmsm_ctrl.diagnose.search import (
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.evidence.linalg import Added
 from pmsm_ctrl.evidence.whitening import Whitener
-from pmsm_ctrl.regression.balances import Record, with_modelled_torque
+from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.base_fit import (
     Accepted,
     Estimated,
@@ -42,6 +42,7 @@ from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects, seen_as_candidate
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
+from pmsm_ctrl.regression.modelled import with_modelled_torque
 from pmsm_ctrl.regression.spread import with_mean, with_spread
 
 __all__ = ["BASE", "Accepted", "Elsewhere", "Fitted", "fit_beside", "fit_design", "predicted_elsewhere", "ranked"]

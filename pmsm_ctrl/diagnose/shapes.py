@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import varied
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
-from pmsm_ctrl.regression.balances import Record, with_direction
+from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.base_fit import assembled
 from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.covariance import noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
+from pmsm_ctrl.regression.modelled import with_direction
 
 __all__ = [
     "LONGEST", "Free", "moved_to", "searched", "shifted", "sizes_in_shape", "straight_over", "tangent_of",

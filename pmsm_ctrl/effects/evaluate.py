@@ -91,9 +91,9 @@ def columns(
 
 
 def columns_less_noise(
-    effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping[str, float], name: str, noise: Array
+    effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping[str, float], noise: Mapping[str, Array]
 ) -> dict[str, Array]:
-    """Return the columns of `columns`, less what noise of one signal adds to them in the mean, to second order.
+    """Return the columns of `columns`, less what noise of some signals adds to them in the mean, to second order.
 
     That is ``2 f(x) - (f(x + noise) + f(x - noise)) / 2``, in one pass: most of the time goes into sines and cosines of
     the angle, which all three have in common.
@@ -104,10 +104,8 @@ def columns_less_noise(
         With linear parameters.
     signals, parameters
         As for `columns`.
-    name : str
-        The signal that is noisy.
-    noise : array, shape (n,)
-        Its standard deviation.
+    noise : dict of signal to array, shape (n,)
+        The standard deviation of each signal that is noisy; all follow one noise.
 
     Returns
     -------
@@ -116,13 +114,13 @@ def columns_less_noise(
     arrays, n = _broadcast(effect, signals)
     linear = [p.symbol for p in effect.linear]
     values = _values(effect, {**parameters, **dict.fromkeys(linear, 0.0)})
-    key = "less noise", effect.term, tuple(linear), name
+    key = "less noise", effect.term, tuple(linear), tuple(noise)
     loop = _LOOPS.get(key)
     if loop is None:
-        loop = _LOOPS[key] = _columns_loop(effect, linear, name)
+        loop = _LOOPS[key] = _columns_loop(effect, linear, tuple(noise))
     width = len(effect.channels)
     out = np.empty((width * len(linear), n))
-    loop(out, *arrays, np.ascontiguousarray(noise), *values)
+    loop(out, *arrays, *map(np.ascontiguousarray, noise.values()), *values)
     parts = out.reshape(len(linear), width, n) if width > 1 else out
     return dict(zip(linear, parts, strict=True))
 
@@ -194,19 +192,20 @@ def compiled_loop(
 
 
 def _columns_loop(
-    effect: Effect, linear: Sequence[str] | None = None, noisy: str | None = None
+    effect: Effect, linear: Sequence[str] | None = None, noisy: Sequence[str] = ()
 ) -> Callable[..., Any]:  # fmt: skip
     """Return the loop over the term's arguments, signals first, compiled for arrays.
 
     With the linear parameters, it gives the term without them, and then what each of them adds: one pass, in which the
-    compiler works out once what all of these have in common. With a noisy signal, whose noise comes behind the signals,
+    compiler works out once what all of these have in common. With noisy signals, whose noises come behind the signals,
     it gives what each of them adds, less what the noise does.
     """
     own = [name for name in effect.arguments if name not in SIGNALS]
-    signals = [*effect.signals, *(["_noise"] if noisy else ())]
+    signals = [*effect.signals, *(f"_noise_{name}" for name in noisy)]
     at = {name: f"{name}[_at]" for name in effect.signals}
     width = len(effect.channels)
-    places = [at, *({**at, noisy: f"{noisy}[_at] {sign} _noise[_at]"} for sign in "+-" if noisy)]
+    moved = [{name: f"{name}[_at] {sign} _noise_{name}[_at]" for name in noisy} for sign in "+-" if noisy]
+    places = [at, *({**at, **one} for one in moved)]
     # all into locals before anything is stored: a store ends what the compiler remembers of a sine
     lines = [
         f"{_names(width, part, which)} = {call}"

@@ -20,7 +20,7 @@ from pmsm_ctrl.log import Log, Span
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
-from pmsm_ctrl.regression.currents import intended_i_d, with_noise
+from pmsm_ctrl.regression.currents import add_slopes, drive_as_logged, intended_i_d
 from pmsm_ctrl.regression.direction import acting_torques, direction_of
 from pmsm_ctrl.regression.drive_timing import (
     UNDELAYED,
@@ -50,8 +50,6 @@ __all__ = [
     "Rows",
     "in_time",
     "make_record",
-    "with_direction",
-    "with_modelled_torque",
 ]
 
 Array = NDArray[np.float64]
@@ -371,6 +369,7 @@ def _made(
     else:
         signals["i_q"] = signals["torque"] / design.K_t_assumed
     signals["torque_meas"], signals["i_q_meas"] = signals["torque"], signals["i_q"]
+    signals |= drive_as_logged(design, log, prepared, signals)
     signals["i_q_wide"] = signals["i_q"]
     if "i_d" in signals:
         signals["i_d_meas"] = signals["i_d"]
@@ -378,7 +377,7 @@ def _made(
     if "omega_ref" in log or "theta_ref" in log:
         told = on_grid(log, prepared, "omega_ref" if "omega_ref" in log else "theta_ref")
         signals["omega_ref"] = told if "omega_ref" in log else derivative(told, 1.0 / prepared.rate)
-    _add_slopes(signals, prepared, raw)
+    add_slopes(signals, prepared, raw)
     load = signals.get("T_load", np.zeros_like(prepared.t))
     driving = signals["torque"] - load
     smooth, fast = (torque - load for torque in acting_torques(design, log, prepared))
@@ -392,7 +391,6 @@ def _made(
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
         channels += ["u_d", "u_q"]
-        signals |= with_noise(log, prepared)
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     moving = (sure & _edges(prepared) & measured)[prepared.keep]
     level = np.hypot(*target[1:]) if len(channels) > 1 else np.zeros(0)
@@ -439,62 +437,3 @@ def _edges(prepared: Prepared) -> Mask:
     inside[:edge] = False
     inside[-edge:] = False
     return inside
-
-
-def _add_slopes(signals: dict[str, Array], prepared: Prepared, known: Mapping[str, Array]) -> None:
-    """Add the slopes of the currents that are others than the known ones, whose slopes are there."""
-    for name in ("i_d", "i_q", "i_q_wide"):
-        if name == "i_q_wide" and signals.get(name) is signals["i_q"]:
-            signals["di_q_wide"] = signals["di_q"]
-        elif name in signals and signals[name] is not known.get(name):
-            signals[f"d{name}"] = derivative(signals[name], 1.0 / prepared.rate)
-
-
-def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) -> Record:
-    """Return a copy whose terms read the torque and current that the model predicts, not the measured ones.
-
-    A column made of the measured torque would explain the measured torque, noise and missing effects included. The
-    drive's voltage responds to the noise of the measured current, and this would look like a resistance.
-
-    Parameters
-    ----------
-    record : Record
-    predicted : array, shape (m,)
-        Torque balance as the model predicts it, on the thinned grid.
-    late : float
-        Delay of the currents that the model has, s.
-    """
-    signals = dict(record.signals)
-    t = record.prepared.t
-    signals["torque"] = torque = record.at_full_rate(predicted) + signals.get("T_load", np.zeros_like(t))
-    signals["torque_wide"] = torque + _beyond_band(record, "torque_meas", late)
-    motor, per_ampere = record.design.motor, np.full(len(t), record.design.K_t_assumed)
-    if motor.p is not None and motor.L_d is not None and motor.L_q is not None and "i_d" in signals:
-        per_ampere = per_ampere + 1.5 * motor.p * (motor.L_d - motor.L_q) * signals["i_d"]
-    signals["i_q"] = torque / per_ampere
-    if "u_d" in record.channels:
-        signals["i_q_wide"] = signals["i_q"] + _beyond_band(record, "i_q_meas", late)
-        signals["i_q_whole"] = signals["i_q"] + _beyond_band(record, "i_q_logged", late)
-    _add_slopes(signals, record.prepared, record.signals)
-    return replace(record, signals=signals, late=late, memo={})
-
-
-def _beyond_band(record: Record, name: str, late: float) -> Array:
-    """Return what a measured signal holds beyond the band, at the time of the position, shape (n,).
-
-    A modelled torque is filtered already. Voltages hold products of current and speed, and friction by load the torque
-    without its sign: filtered after that, a fast signal comes back into the band, and one that was filtered twice lacks
-    the ripple of the passband.
-    """
-    key = ("beyond the band", name)
-    if key not in record.kept:
-        measured = record.signals[name]
-        record.kept[key] = measured - record.at_full_rate(record.shaped(measured))
-    beyond: Array = record.kept[key]
-    return beyond if late == 0.0 else shifted(beyond, record.period, late)
-
-
-def with_direction(record: Record, direction: Array) -> Record:
-    """Return a copy in which dry friction follows this direction instead; what does not hang on it stays remembered."""
-    kept = {key: value for key, value in record.kept.items() if key[0] in ALWAYS}
-    return replace(record, signals={**record.signals, "direction": direction}, memo={}, kept=kept)

@@ -15,12 +15,13 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.evidence.linalg import own_shares
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
-from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque
+from pmsm_ctrl.regression.balances import LATE, Record
 from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.lateness import lateness, with_sampling_bounded
 from pmsm_ctrl.regression.model import FIXED, OWN, Model, Solved, base_groups, solve_model
+from pmsm_ctrl.regression.modelled import with_direction, with_modelled_torque
 from pmsm_ctrl.regression.saturated import Saturated, rough_solution, rough_weights, saturated, whiteners
 from pmsm_ctrl.regression.spread import with_spread
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.regression.balances import Record, with_modelled_torque
+from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.base_fit import (
     assembled,
     delay_of,
@@ -22,6 +22,7 @@ from pmsm_ctrl.regression.bounds import holding
 from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, DriveTiming
 from pmsm_ctrl.regression.lateness import stopped
 from pmsm_ctrl.regression.model import AGE, TURNING, Model
+from pmsm_ctrl.regression.modelled import with_modelled_torque
 
 __all__ = ["Prediction", "errors", "physical_columns", "predict"]
 

@@ -145,3 +145,11 @@ def test_a_gap_most_of_which_noise_could_be_beside_its_rivals_is_none() -> None:
     """A torque command and an angle of 512 steps: as a whole a gap would explain 60 % of the excess."""
     world = draw(910129)
     assert not diagnose(world.design, simulate_world(world), plan=False).steps
+
+
+def test_a_saturation_acts_in_peaks_faster_than_the_band() -> None:
+    """Made of the torque and the current in the band, it was of another size in half of it: friction by load came."""
+    world = draw(1070154)  # margin 19.6; speed steps of a screw
+    (step,) = diagnose(world.design, simulate_world(world, {"saturation": 0.00035906}), plan=False).steps
+    assert step.effect == "torque_saturation"
+    assert step.parameters["k_s"].value == pytest.approx(0.00035906, abs=3.0 * step.parameters["k_s"].stderr)

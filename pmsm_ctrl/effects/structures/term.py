@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 # In a shape, and no name that a parameter can have: 1 where the drive turns its frame by the angle that is measured
 # wrongly, 0 where it commutates by another sensor, or logs another encoder.
 FRAME = "(frame)"
+# Signals whose noise is known, and which are known as fast as they were logged.
+DRIVE = ("torque", "i_q")
 # Over the cutoff: for so long the low-pass before differentiation smooths the speed.
 SMOOTHED = 0.1
 
@@ -121,9 +123,8 @@ class Term(Structure):
 
 
 def readable(balances: Balances) -> dict[str, Array | float]:
-    """Return the signals as terms read them: the torque with what it holds beyond the band."""
+    """Return the signals as terms read them."""
     signals: dict[str, Array | float] = {k: v for k, v in balances.signals.items() if k != "alpha"}
-    signals["torque"] = balances.signals.get("torque_wide", balances.signals["torque"])
     if balances.design.motor.p is not None:
         signals["p"] = float(balances.design.motor.p)
     for name in ("di_d", "di_q"):
@@ -132,17 +133,19 @@ def readable(balances: Balances) -> dict[str, Array | float]:
 
 
 def _without_noise(effect: Effect, signals: dict[str, Array | float], values: Mapping[str, float]) -> dict[str, Array]:
-    """Return an effect's columns; a voltage's at the current as it was logged, less what noise adds in the mean.
+    """Return an effect's columns at the torque and the current as they were logged, less what noise adds in the mean.
 
-    Noise of standard deviation s makes a term f too large by s^2 f''/2 in the mean, and as much again where it is added
-    once more: 2 f(i) - (f(i + s) + f(i - s)) / 2 is right to second order. A term that is straight over the current is
-    left as it is.
+    A product of fast signals comes back into the band. Noise of standard deviation s makes a term f too large by
+    s^2 f''/2 in the mean, and as much again where it is added once more: 2 f(i) - (f(i + s) + f(i - s)) / 2 is right to
+    second order. A term that is straight over both is left as it is. What a sensor adds is taken off the slow signals.
     Source: R. J. Carroll et al., Measurement Error in Nonlinear Models (2006), ch. 5 and 7.
     """
-    if effect.enters != "voltage" or "i_q" not in effect.signals or "i_q_whole" not in signals:
+    noisy = () if effect.enters == "measurement" else tuple(name for name in DRIVE if name in effect.signals)
+    if not noisy or any(f"{name}_whole" not in signals for name in noisy):
         return columns(effect, signals, values)[0]
-    whole, noise = signals | {"i_q": signals["i_q_whole"]}, np.asarray(signals["i_q_noise"])
-    return columns_less_noise(effect, whole, values, "i_q", noise)
+    whole = signals | {name: signals[f"{name}_whole"] for name in noisy}
+    noise = {name: np.asarray(signals[f"{name}_noise"]) for name in noisy}
+    return columns_less_noise(effect, whole, values, noise)
 
 
 def current_balances(balances: Balances, wrong: Array) -> dict[str, Array]:

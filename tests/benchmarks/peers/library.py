@@ -16,10 +16,11 @@ from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import doubts_about
-from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record, with_modelled_torque
+from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.columns import Group, candidate_groups
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.model import base_groups
+from pmsm_ctrl.regression.modelled import with_modelled_torque
 
 __all__ = ["Library", "base_torque", "generic", "held_out", "library_of", "read_alike", "relative"]
 

@@ -10,8 +10,9 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.effects.catalogue import CATALOGUE
-from pmsm_ctrl.regression.balances import Record, make_record, with_direction, with_modelled_torque
+from pmsm_ctrl.regression.balances import Record, make_record
 from pmsm_ctrl.regression.columns import candidate_groups, effect_group
+from pmsm_ctrl.regression.modelled import with_direction, with_modelled_torque
 from pmsm_ctrl.simulate import simulate
 
 
