@@ -151,7 +151,7 @@ def diagnose(
     case = condition(design, logs, holdouts, offered, policy)
     case, found = _answer(case, plan, lambda done: advance(share * done))
     found = with_polish(case, found) if polish else found
-    if told is None and len(case.record.mask) > SINGLE:
+    if told is None:
         found = replace(found, selection=found.selection.light())  # the rest of a long log is large
     found = finished(case, found, holdouts)
     if told is not None:
@@ -405,6 +405,7 @@ def condition(
     made = made or Made.kept(believed.log)
     whole = with_friction(design)
     record = timed_record(shown or whole, believed.log, made, band)
+    made.forget_models(record)
     if shown is not None:
         record = for_design(record, whole)
         if first is not None and (record.cutoff, record.timing, record.age) == (

@@ -92,6 +92,26 @@ def _four_sections(rows: Array, sections: Array, settled: Array, backward: bool)
 
 
 @uncontracted
+def _two_sections(rows: Array, sections: Array, settled: Array, backward: bool) -> None:
+    """Do what `_recursive` does for one column and two sections: their coefficients stay in registers as well."""
+    b0, b1, b2, a1, a2 = sections[0, 0], sections[0, 1], sections[0, 2], sections[0, 4], sections[0, 5]
+    d0, d1, d2, c1, c2 = sections[1, 0], sections[1, 1], sections[1, 2], sections[1, 4], sections[1, 5]
+    n = rows.shape[0]
+    x = rows[n - 1 if backward else 0, 0]
+    p0, q0, p1, q1 = settled[0, 0] * x, settled[0, 1] * x, settled[1, 0] * x, settled[1, 1] * x
+    for k in range(n):
+        i = n - 1 - k if backward else k
+        x = rows[i, 0]
+        y = b0 * x + p0
+        p0 = b1 * x - a1 * y + q0
+        q0 = b2 * x - a2 * y
+        x = d0 * y + p1
+        p1 = d1 * y - c1 * x + q1
+        q1 = d2 * y - c2 * x
+        rows[i, 0] = x
+
+
+@uncontracted
 def zero_phase(values: Array, sections: Array, settled: Array, pad: int, step: int, out: Array) -> None:
     """Filter forward and backward, both ends mirrored in their last value, and keep every `step`-th sample.
 
@@ -126,7 +146,9 @@ def zero_phase(values: Array, sections: Array, settled: Array, pad: int, step: i
                 rows[pad + n + i, c] = 2.0 * rows[pad + n - 1, c] - rows[pad + n - 2 - i, c]
         for backward in (False, True):  # a variable: numba compiles a function anew for every constant
             part = rows[pad:] if backward else rows
-            if few:
+            if few and len(sections) == 2:
+                _two_sections(part, sections, settled, backward)
+            elif few:
                 _four_sections(part, sections, settled, backward)
             else:
                 _recursive(part, sections, settled, backward)

@@ -26,13 +26,14 @@ from pmsm_ctrl.regression.saturated import Saturated, rough_solution, rough_weig
 from pmsm_ctrl.regression.spread import with_spread
 
 __all__ = [
-    "Accepted", "Estimated", "Settled", "assembled", "base_fit", "delay_of", "estimated", "false_torque",
+    "SETTLED", "Accepted", "Estimated", "Settled", "assembled", "base_fit", "delay_of", "estimated", "false_torque",
     "settled_model", "true_torque", "weighted",
     "with_bristles",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 
+SETTLED = "settled model"  # that of the design alone, as it is remembered with a record
 # Passes in which a delay is linearised at its last value: to first order one of two samples comes out a third low.
 PASSES = 4
 ROUNDS_OF_NOISE = 2  # in which the noise is taken from what the model itself leaves
@@ -156,7 +157,7 @@ def settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...]
     """
     if accepted or design is not record.design:
         return _settled_model(design, record, accepted, settled)
-    key = ("settled model", settled)
+    key = (SETTLED, settled)
     if key not in record.kept:
         found = _settled_model(design, record, (), settled)
         if found.record.kept is not record.kept:  # a bristle turns the friction: its columns are others

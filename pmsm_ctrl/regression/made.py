@@ -8,6 +8,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers.timebase import growing_steps
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Memo, Record, make_record
+from pmsm_ctrl.regression.base_fit import SETTLED
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import DriveTiming
 
@@ -65,6 +66,17 @@ class Made:
         found: Record = self.records[key]
         return for_design(found, design)
 
+    def forget_models(self, but: Record) -> None:
+        """Forget the models of the design alone on all records but one: no other design has them.
+
+        Parameters
+        ----------
+        but : Record
+        """
+        for record in (self.records or {}).values():
+            for key in [key for key in record.kept if key[0] == SETTLED and record.kept is not but.kept]:
+                del record.kept[key]
+
 
 def for_design(record: Record, design: Design) -> Record:
     """Return a record for a design that differs in nothing but its effects and its inertia.
@@ -74,5 +86,5 @@ def for_design(record: Record, design: Design) -> Record:
     record : Record
     design : Design
     """
-    columns = {key: value for key, value in record.kept.items() if key[0] != "settled model"}
+    columns = {key: value for key, value in record.kept.items() if key[0] != SETTLED}
     return replace(record, design=design, memo={}, kept=columns)

@@ -41,6 +41,7 @@ DITHER, ROUNDING = 0.4, 1e-6
 SINGLE_STEPS, FLICKER, FLICKERING, MANY_LEVELS, PASSING, FEWEST_STAYS = 0.5, 2, 0.1, 8, 0.02, 20
 # Share of the rounded kink that stays as an error of the moment of reversal.
 ROUNDED = 0.15
+PART = 65536  # samples of the logged rate that are worked out at once
 # How far a voltage balance can be trusted: shares of the inductive drop and of the voltage.
 WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001
 
@@ -200,8 +201,11 @@ def at_given_rate(whole: Log, log: Log, timing: DriveTiming, prepared: Prepared,
     if len(whole) == len(log) or times < 2:
         return on_grid(log, prepared, name)
     fast = timing.undone(replace(whole, channels={"t": whole.t, name: whole[name]}))
-    grid = prepared.t[0] + np.arange(times * len(prepared.t)) / (times * prepared.rate)
-    return np.asarray(np.interp(grid, fast.t, fast[name]))
+    out = np.empty(times * len(prepared.t))
+    for start in range(0, len(out), PART):  # a fast log is long
+        some = np.arange(start, min(start + PART, len(out)))
+        out[some[0] : some[-1] + 1] = np.interp(prepared.t[0] + some / (times * prepared.rate), fast.t, fast[name])
+    return out
 
 
 def quantisation_error(raw: Array, rate: float) -> float:

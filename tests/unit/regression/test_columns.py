@@ -11,8 +11,12 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.regression.balances import Record, make_record
+from pmsm_ctrl.regression.base_fit import SETTLED, base_fit
 from pmsm_ctrl.regression.columns import candidate_groups, effect_group
+from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.modelled import with_direction, with_modelled_torque
+from pmsm_ctrl.regression.timed_record import with_friction
 from pmsm_ctrl.simulate import simulate
 
 
@@ -55,6 +59,23 @@ def test_no_columns_outlive_the_diagnosis(designs) -> None:
     found = diagnose(design, simulate(design, "identification", seed=2), candidates=("stribeck", "presliding"))
     assert not found.record.kept
     assert all(not fit.record.memo and not fit.record.kept for fit in found.selection.fits)
+    *earlier, last = found.selection.fits
+    assert not any(fit.trials for fit in earlier)
+    assert last.trials
+    assert not any(trial.group.rows for trial in last.trials)
+
+
+def test_the_model_of_the_design_stays_with_the_record_in_use_alone(designs) -> None:
+    design = with_friction(Design.read(designs / "seed_motor.toml"))
+    made = Made.kept(simulate(design, "identification", seed=3))
+    usual, half = (made.record(design, processing) for processing in (None, Processing(cutoff=20.0)))
+    for record in (usual, half):
+        base_fit(design, record)
+    made.forget_models(half)
+    held = [[key for key in record.kept if key[0] == SETTLED] for record in (usual, half)]
+    assert not held[0]
+    assert held[1]
+    assert usual.kept  # columns of the measured motion are those of any design
 
 
 def test_shapes_filtered_side_by_side_are_the_same_to_the_last_bit(record: Record) -> None:

@@ -9,8 +9,10 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.conditioning import Prepared, prepare
+from pmsm_ctrl.regression.drive_timing import UNDELAYED
 from pmsm_ctrl.regression.edges import edge_error, steep
-from pmsm_ctrl.regression.weights import reversal_weight, torque_noise
+from pmsm_ctrl.regression.joining import thinned
+from pmsm_ctrl.regression.weights import at_given_rate, reversal_weight, torque_noise
 from pmsm_ctrl.simulate import scenario, simulate
 
 
@@ -95,3 +97,16 @@ def test_weights_for_another_error_are_those_of_a_record_made_with_it(designs, l
     assert (weight < record.weight).any()
     np.testing.assert_array_equal(weight, other.weight)
     np.testing.assert_array_equal(mask, other.mask)
+
+
+def test_a_channel_at_the_given_rate_is_the_same_in_parts(designs, monkeypatch: pytest.MonkeyPatch) -> None:
+    design = Design.read(designs / "seed_motor.toml").replace(sensor={"log_divider": 4})
+    log = simulate(design, scenario("triangle", design, speed=50.0, period=0.5, cycles=2.0), seed=2)
+    thin = thinned(log)
+    assert len(thin) < len(log)
+    found = []
+    for part in (10**9, 1000):
+        monkeypatch.setattr("pmsm_ctrl.regression.weights.PART", part)
+        found.append(at_given_rate(log, thin, UNDELAYED, prepare(design, thin), "i_q"))
+    np.testing.assert_array_equal(*found)
+    assert found[0][: len(log)] == pytest.approx(log["i_q"], abs=1e-6 * float(np.ptp(log["i_q"])))
