@@ -199,15 +199,17 @@ class Policy:
     events: Search = field(default_factory=Search)
     alarms: float = 0.05
 
-    def tie(self, gain: float) -> float:
+    def tie(self, gain: float, scatter: float = 1.0) -> float:
         """Return the largest difference of the sums of squares of two explanations that are equal.
 
         Parameters
         ----------
         gain : float
             Fall of the sum of squares by either, in units of the noise.
+        scatter : float
+            Mean square of what both leave, in the same units, and at least 1.
         """
-        return max(self.tied_gain, self.tied_share * gain)
+        return max(self.tied_gain * scatter, self.tied_share * gain)
 
 
 POLICY = Policy()

@@ -40,6 +40,9 @@ class Rest:
     effects : Counter of id
     unconfirmed : set of id
         Effects that cross-validation alone refused beside these.
+    scatter : float
+        Mean square of what is left, in units of the noise, and at least 1: beside an error of the model, chance makes
+        differences as many times as large as beside noise alone.
     """
 
     plain: float
@@ -47,6 +50,7 @@ class Rest:
     gain: float
     effects: Counter[str]
     unconfirmed: frozenset[str] = frozenset()
+    scatter: float = 1.0
 
 
 def swap(case: Case, found: Selection, select: Callable[[Case, tuple[str, ...]], Selection]) -> Selection:
@@ -84,7 +88,7 @@ def better(other: Rest, present: Rest, policy: Policy = POLICY) -> bool:
     policy : Policy
     """
     less = present.plain - other.plain
-    tie = policy.tie(max(other.gain, present.gain))
+    tie = policy.tie(max(other.gain, present.gain), min(other.scatter, present.scatter))
     if present.effects < other.effects:
         return less > tie and present.unconfirmed.issuperset(other.effects - present.effects)
     fewer = policy.tied_gain if other.effects < present.effects and less > 0.0 else 0.0
@@ -100,7 +104,7 @@ def rival_ids(found: Rest, other: Rest, policy: Policy = POLICY) -> tuple[str, s
     policy : Policy
     """
     ours, theirs = (list(a.elements()) for a in (found.effects - other.effects, other.effects - found.effects))
-    tie = policy.tie(found.gain)
+    tie = policy.tie(found.gain, min(found.scatter, other.scatter))
     if len(ours) != 1 or len(theirs) != 1 or other.plain > found.plain + tie or other.white > found.white + tie:
         return None
     return ours[0], theirs[0]
@@ -196,7 +200,8 @@ def _rest(found: Selection) -> Rest:
     before, after = squares(first, first.residual, sizes), squares(last, last.residual, sizes)
     effects = Counter(one.effect.id for one in found.accepted)
     unconfirmed = [t.candidate.effect.id for t in last.trials if _unconfirmed(found, name_of(t))]
-    return Rest(after + price, float(white @ white) + price, before - after, effects, frozenset(unconfirmed))
+    scatter = max(1.0, after / max(int(last.record.mask.sum()) * len(sizes), 1))
+    return Rest(after + price, float(white @ white) + price, before - after, effects, frozenset(unconfirmed), scatter)
 
 
 def _unconfirmed(found: Selection, name: str) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -305,6 +306,15 @@ def test_one_effect_in_the_place_of_another_is_equivalent_when_both_leave_the_sa
     assert rival_ids(found, rest(1000.0, effects="cd")) is None
     assert rival_ids(found, rest(1000.0, effects="abc")) is None
     assert rival_ids(found, found) is None
+
+
+def test_beside_an_error_of_the_model_chance_makes_larger_differences() -> None:
+    """A Stribeck curve left 22 less than the quadratic drag of 1070140, beside an error of the model."""
+    found, other = replace(rest(1000.0), scatter=1.2), replace(rest(1023.0, effects="c"), scatter=1.25)
+    assert rival_ids(found, other) == ("a", "c"), "23 of 24"
+    assert rival_ids(found, replace(other, scatter=1.1)) is None, "23 of 22: the smaller scatter of both counts"
+    assert not better(replace(rest(977.0, 101.0, effects="c"), scatter=1.2), found), "a tie"
+    assert better(rest(977.0, 101.0, effects="c"), rest(1000.0))
 
 
 def test_an_equivalent_is_tried_alone_for_two_effects() -> None:
