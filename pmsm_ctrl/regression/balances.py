@@ -396,14 +396,14 @@ def _made(
     level = np.hypot(*target[1:]) if len(channels) > 1 else np.zeros(0)
     voltages = voltage_weights(design, prepared, signals, level, log, channels[1:])
     source = "torque" if "torque" in log else "i_q"
-    read = replace(log, channels={name: log[name] for name in ("t", "theta", source) if name in log})
+    levels = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
+    levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
+    log = replace(log, channels={n: log[n] for n in ("t", "theta", source) if n in log})  # the rest of it is large
     at_all = at_given_rate(whole, log, timing, prepared, source)
-    weighing = Weighing(read, at_all, prepared, signals, kink, moving, steps, tuple(voltages))
+    weighing = Weighing(log, at_all, prepared, signals, kink, moving, steps, tuple(voltages))
     weight, mask = weighing.weights(wrong, edges)
     _require_samples(mask, prepared, given)
     notes = (note for note in prepared.notes if note.code != TORQUE_JUMPS.code)  # edges are weighed here, not left out
-    levels = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
-    levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
         np.array(levels), kink[0], (*few, *_too_long(given, log), *notes),

@@ -86,11 +86,14 @@ def direction_of(
     unknown = np.zeros(len(omega), dtype=bool)
     for _ in range(3):  # again with what the reversals say of the level
         used = free & ~unknown
-        columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[used]
-        products = columns.T @ columns
+        columns = np.ones((int(used.sum()), 4))
+        for k, values in enumerate((prepared.alpha, direction, omega)):
+            columns[:, k] = values[used]
+        products, right = columns.T @ columns, columns.T @ driving[used]
+        del columns  # those of a long log are large
         if steps is not None:  # noise of the acceleration would make the inertia too small by its share
             products[0, 0] -= min(float(np.sum(steps.acceleration[used] ** 2)), MOST_TAKEN * products[0, 0])
-        weights = np.linalg.lstsq(products, columns.T @ driving[used], rcond=None)[0]
+        weights = np.linalg.lstsq(products, right, rcond=None)[0]
         level, J = float(weights[1]), float(weights[0])
         if level <= 0.0 or J <= 0.0:
             break

@@ -77,7 +77,9 @@ def edge_error(
     beyond = min(len(prepared.t) - 1, round((EDGE_PERIODS + RINGING[-1][0]) * rate / prepared.cutoff))
     inside = slice(beyond, beyond + len(prepared.t))
     whole = np.pad(raw, times * beyond, mode="reflect", reflect_type="odd")
-    beside = np.abs(whole - low_pass(whole, fast_rate, UPPER * fast_rate))
+    beside = low_pass(whole, fast_rate, UPPER * fast_rate)
+    np.abs(np.subtract(whole, beside, out=beside), out=beside)
+    del whole  # a fast log is large
     pieces = [slice(*np.searchsorted(prepared.t, [one.start, one.stop])) for one in records] or [slice(None)]
     level = np.zeros(len(prepared.t))
     for piece in pieces:
@@ -88,7 +90,8 @@ def edge_error(
     if not np.isfinite(level).all():
         return np.zeros(len(prepared.keep))
     noise = level[prepared.keep]
-    fast = highest(beside, times + 1 - times % 2)[::times] if times > 1 else beside
+    fast = highest(beside, times + 1 - times % 2)[::times].copy() if times > 1 else beside
+    del beside
 
     def peaks_within(periods: float) -> Array:
         return highest(fast, 2 * round(periods * rate / prepared.cutoff) + 1)[inside][prepared.keep] / noise

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
-from pmsm_ctrl.regression.filters import ORDER, RIPPLE, derivative, low_pass_each
+from pmsm_ctrl.regression.filters import ORDER, RIPPLE, SIDE_BY_SIDE, derivative, low_pass_each
 
 __all__ = ["StepErrors", "angle_step", "errors_by_steps", "rough_acceleration"]
 
@@ -115,12 +115,14 @@ def errors_by_steps(prepared: Prepared, step: float) -> StepErrors | None:
         return None
     count = prepared.signals["theta"] / step
     speed, acceleration, filtered = np.zeros(len(count)), np.zeros(len(count)), np.zeros(len(prepared.keep))
-    places = (count + (k + 0.5) / ZEROS for k in range(ZEROS))
-    errors = [step * (np.round(place) - place) for place in places]
-    for error in low_pass_each(errors, prepared.rate, wide) if wide < 0.45 * prepared.rate else errors:
-        slope = derivative(error, period)
-        bend = derivative(slope, period)
-        speed += slope**2
-        acceleration += bend**2
-        filtered += prepared.column(bend) ** 2
+    at_once = ZEROS if ZEROS * len(count) <= SIDE_BY_SIDE else 1  # those of a long log are large
+    for first in range(0, ZEROS, at_once):
+        places = (count + (k + 0.5) / ZEROS for k in range(first, first + at_once))
+        errors = [step * (np.round(place) - place) for place in places]
+        for error in low_pass_each(errors, prepared.rate, wide) if wide < 0.45 * prepared.rate else errors:
+            slope = derivative(error, period)
+            bend = derivative(slope, period)
+            speed += slope**2
+            acceleration += bend**2
+            filtered += prepared.column(bend) ** 2
     return StepErrors(*(np.sqrt(total / ZEROS) for total in (speed, acceleration, filtered)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.errors import RequestError
 
-__all__ = ["ORDER", "RIPPLE", "derivative", "low_pass", "low_pass_each", "mirrored", "shifted"]
+__all__ = ["ORDER", "RIPPLE", "SIDE_BY_SIDE", "derivative", "low_pass", "low_pass_each", "mirrored", "shifted"]
 
 Array = NDArray[np.float64]
 
@@ -112,9 +112,9 @@ def low_pass(values: Array, rate: float, cutoff: float, steep: bool = False, ste
     n = values.shape[-1]
     # a writeable array, as the channels of a log are not: numba compiles the filter for each kind
     flat = np.require(values, np.float64, ["C", "W"]).reshape(-1, n)
-    out = np.empty((len(flat), -(-n // step)))
-    zero_phase(flat, sections, settled, mirrored(n, rate, cutoff), step, out)
-    return out.reshape(*values.shape[:-1], out.shape[1])
+    out = np.empty((*values.shape[:-1], -(-n // step)))
+    zero_phase(flat, sections, settled, mirrored(n, rate, cutoff), step, out.reshape(-1, out.shape[-1]))
+    return out
 
 
 def low_pass_each(signals: Sequence[Array], rate: float, cutoff: float) -> list[Array]:

@@ -142,8 +142,7 @@ def thinned(log: Log) -> Log:
 
 def _thinned_part(log: Log, factor: int, origin: float) -> dict[str, Array] | None:
     """Keep every so many samples of a record, on the grid that begins at `origin`; None where its stamps jitter."""
-    step = np.diff(log.t)
-    if float(np.max(np.abs(step - log.period))) > JITTER * log.period:
+    if float(np.max(np.abs(np.diff(log.t) - log.period))) > JITTER * log.period:
         return None
     first = -round((float(log.t[0]) - origin) / log.period) % factor
     channels = {"t": log.t[first::factor]}
@@ -152,6 +151,7 @@ def _thinned_part(log: Log, factor: int, origin: float) -> dict[str, Array] | No
             wraps = name == "theta" and float(np.max(np.abs(np.diff(values)))) >= np.pi
             whole = np.unwrap(values)[first:] if wraps else values[first:]
             channels[name] = low_pass(whole, log.rate, KEPT_BAND * log.rate / factor, step=factor)
+            channels[name].setflags(write=False)  # a log shares it then, and makes no copy
     return channels
 
 
