@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.joining import thinning
 from pmsm_ctrl.regression.notices import ORDERS_BEYOND_BAND
 from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.section import Notice
@@ -41,7 +42,7 @@ JUDGED = 0.1
 # Further orders are named down to this share of the largest, so many at most.
 NAMED, MOST_NAMED = 0.4, 3
 # A band that holds an order is this much wider than the order's frequency in the slow part of the motion, and no wider
-# than this share of the log's rate.
+# than this share of the rate at which the log is evaluated.
 WIDER, WIDEST = 1.25, 0.3
 CLIPPED = 5.0  # median magnitudes of the fast part of the drive signal: edges are no waves
 
@@ -184,7 +185,7 @@ def beyond_band(design: Design, log: Log, cutoff: float) -> Beyond | None:
     named = sorted((k for k in unseen if found[k - 1] > NAMED * largest), key=lambda k: -found[k - 1])[:MOST_NAMED]
     above = float(np.mean(min(named) * speed[chosen] >= 2.0 * np.pi * cutoff))
     frequency = speed[chosen] * named[0] / (2.0 * np.pi)
-    band = min(WIDER * float(np.quantile(frequency, 2.0 * JUDGED)), WIDEST * rate)
+    band = min(WIDER * float(np.quantile(frequency, 2.0 * JUDGED)), WIDEST * rate / thinning(rate, len(t)))
     said = ORDERS_BEYOND_BAND(
         orders=", ".join(map(str, named)), amplitude=largest, unit=axis_unit("N m", log.motion), cutoff=cutoff,
         percent=100.0 * above, slow=2.0 * np.pi * cutoff / min(named),

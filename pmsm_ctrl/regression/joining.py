@@ -24,7 +24,7 @@ from pmsm_ctrl.regression.signals import drive_torque
 from pmsm_ctrl.regression.timing import bridge_time, end_speeds, uniform, unwrapped
 from pmsm_ctrl.section import Notice
 
-__all__ = ["FAST", "joined", "name_of", "parts_of", "thinned", "with_records"]
+__all__ = ["FAST", "joined", "name_of", "parts_of", "thinned", "thinning", "with_records"]
 
 Array = NDArray[np.float64]
 
@@ -119,6 +119,19 @@ def parts_of(log: Log) -> list[Log]:
     return out
 
 
+def thinning(rate: float, samples: int) -> int:
+    """Return how many samples of a log become one: a fast log has about 1 kHz then, a long one a million samples.
+
+    Parameters
+    ----------
+    rate : float
+        Hz.
+    samples : int
+    """
+    rate *= 1.0 + ROUNDED
+    return max(1, int(rate / FAST), min(-(-samples // MOST), int(rate / SLOWEST)))
+
+
 def thinned(log: Log) -> Log:
     """Bring a fast log to about 1 kHz, and a long one to about a million samples: what the evaluations use lies below.
 
@@ -126,8 +139,7 @@ def thinned(log: Log) -> Log:
     ----------
     log : Log
     """
-    rate = log.rate * (1.0 + ROUNDED)
-    factor = max(int(rate / FAST), min(-(-len(log) // MOST), int(rate / SLOWEST)))
+    factor = thinning(log.rate, len(log))
     if factor < 2:
         return log
     if len(log.records) > 1:

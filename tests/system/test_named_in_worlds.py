@@ -153,3 +153,15 @@ def test_a_saturation_acts_in_peaks_faster_than_the_band() -> None:
     (step,) = diagnose(world.design, simulate_world(world, {"saturation": 0.00035906}), plan=False).steps
     assert step.effect == "torque_saturation"
     assert step.parameters["k_s"].value == pytest.approx(0.00035906, abs=3.0 * step.parameters["k_s"].stderr)
+
+
+@pytest.mark.slow
+def test_the_wider_band_of_a_fast_log_fits_the_rate_at_which_it_is_evaluated() -> None:
+    world = draw(1090192)  # margin 9.4; order 72 at 1.7 to 2000 Hz in a log of 5 kHz, evaluated at 1 kHz
+    (step,) = diagnose(world.design, simulate_world(world, {
+        "wave": 0.013142, "wave_order": 72.0, "wave_phase": 3.335744,
+    }), plan=False).steps  # fmt: skip
+    assert step.effect == "cogging"
+    assert step.parameters["order"].value == 72.0
+    amplitude = math.hypot(step.parameters["a_s"].value, step.parameters["a_c"].value)
+    assert amplitude == pytest.approx(0.013142, rel=0.05)

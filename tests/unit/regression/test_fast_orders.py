@@ -13,7 +13,8 @@ from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.kernels.orders import apart_sums
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.fast_orders import orders_beyond
+from pmsm_ctrl.regression.fast_orders import beyond_band, orders_beyond
+from pmsm_ctrl.regression.joining import thinning
 from tests.effort import slow
 
 HARMONIC = Design.from_dict({
@@ -96,6 +97,15 @@ def test_a_wave_that_no_loop_answers_is_named_in_a_band_that_holds_it(seed: int)
     assert CODE not in [one.code for one in found.notices]
     written = compare(found.design, log).log.errors["torque"].relative
     assert written == pytest.approx(found.errors["final"]["torque"]["relative"], rel=1e-3)
+
+
+def test_the_band_fits_the_rate_at_which_a_fast_log_is_evaluated() -> None:
+    """A log of 4 kHz is evaluated at 1 kHz: the band of its own rate was refused there, and nothing was named."""
+    found = beyond_band(DRIVEN, driven(1, 0.5, 120, rate=4000.0, top=60.0), 40.0)
+    assert found is not None
+    assert found.orders == (120,)
+    assert found.band == pytest.approx(0.3 * 1000.0)
+    assert [thinning(rate, 10_000) for rate in (999.0, 2000.0 - 1e-4, 4300.0)] == [1, 2, 4]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
