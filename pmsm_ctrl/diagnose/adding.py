@@ -25,7 +25,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import with_inertia
 from pmsm_ctrl.regression.bounds import holding
-from pmsm_ctrl.regression.evaluated import with_evaluation
+from pmsm_ctrl.regression.evaluated import as_compared, with_evaluation
 from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.regression.timed_record import FRICTION
 from pmsm_ctrl.regression.worse_than_given import torque_error, worse_by_error
@@ -111,11 +111,26 @@ def added(
         raise RequestError(
             f"effect '{effect}': not distinguishable from the design's on this log; it needs {wanted.needs}"
         )
-    made = with_profiles(case.design, _best_made(case, fit, trial))
+    made = _best_made(case, fit, trial)
+    if trial.candidate.effect.structure.delays:
+        case, fit, trial, made = _with_reversals_in_time(case, fit, trial, made)
+    made = with_profiles(case.design, made)
     advance(0.7)
     judged = _judged(case, fit, trial, made, polish, names_of(holdouts, "the held-out log"))
     advance(1.0)
     return judged
+
+
+def _with_reversals_in_time(case: Case, fit: Fitted, trial: Trial, made: Fitted) -> tuple[Case, Fitted, Trial, Fitted]:
+    """Fit a delay again on the log conditioned with it: the moments of reversal were found from a late torque."""
+    if case.conditioned_with is None:
+        return case, fit, trial, made
+    other = case.conditioned_with(fitted_design(case.design, made), case)
+    again = other.fit(())
+    there = next((t for t in again.trials if t.candidate.effect.id == trial.candidate.effect.id), None)
+    if there is None or there.singular:
+        return case, fit, trial, made
+    return other, again, there, _made(other, there)
 
 
 def _best_made(case: Case, fit: Fitted, trial: Trial) -> Fitted:
@@ -151,7 +166,7 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
         "base": errors_table(case.record, errors(base.record, base.residual)),
         "final": errors_table(case.record, errors(made.record, made.residual)),
     }
-    rms, relative = torque_error(written, case.record)
+    rms, relative = torque_error(written, as_compared(written, case.record, case.believed.log))
     own = {"rms": rms, "unit": case.record.unit("torque"), "relative": relative}
     table["final"] = {**table["final"], "torque": own}
     worse = worse_by_error(relative, table["nominal"]["torque"]["relative"])

@@ -292,10 +292,11 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
 
 
 def conditioned_again(case: Case, found: Selection, select: Callable[[Case], Selection]) -> tuple[Case, Selection]:
-    """Select again on the log conditioned with the first effect, where others were accepted beside it.
+    """Select again on the log conditioned with the first effect, where others were accepted beside it, or with a delay.
 
     The filter of the drive signal, the band and the weights were found with a model that lacked it, and what they are
-    wrong by looks like a second effect. The new answer counts where the first effect stands in it as well.
+    wrong by looks like a second effect. The moments of reversal were found from a torque that a delay makes late. The
+    new answer counts where the effect stands in it as well.
 
     Parameters
     ----------
@@ -308,19 +309,33 @@ def conditioned_again(case: Case, found: Selection, select: Callable[[Case], Sel
     -------
     (Case, Selection)
     """
-    first = found.accepted[0].effect if found.steps else None
-    if first is None or len(found.steps) < 2 or first.enters == "measurement" or case.conditioned_with is None:
-        return case, found
-    other = case.conditioned_with(fitted_design(case.design, found.fits[1]), case)
+    usual = case
+    if len(found.steps) > 1 and found.accepted[0].effect.enters != "measurement":
+        case, found = _conditioned_with(1, usual, (case, found), select)
+    late = next((number for number, one in enumerate(found.accepted, start=1) if one.effect.structure.delays), 0)
+    return _conditioned_with(late, usual, (case, found), select) if late else (case, found)
+
+
+def _conditioned_with(
+    number: int, usual: Case, so_far: tuple[Case, Selection], select: Callable[[Case], Selection]
+) -> tuple[Case, Selection]:
+    """Select again on the log conditioned with this many effects, where that is another one; the last has to stand."""
+    case, found = so_far
+    if usual.conditioned_with is None:
+        return so_far
+    last = found.accepted[number - 1].effect
+    other = usual.conditioned_with(fitted_design(case.design, found.fits[number]), case)
     now, then = other.record, case.record
-    if now.timing == then.timing and now.cutoff == then.cutoff and np.allclose(now.weight, then.weight):
-        return case, found
+    alike = now.timing == then.timing and now.cutoff == then.cutoff and np.allclose(now.weight, then.weight)
+    if alike and not last.structure.delays:  # a delay moves the reversals as well
+        return so_far
     remarks = tuple(dict.fromkeys((*other.remarks, *case.remarks)))
     other = replace(other, remarks=remarks, minor_too=case.minor_too, surely=case.surely)
     other = without_what_happened_once(other)
     again = select(other)
-    same = again.steps and first.id in (again.accepted[0].effect.id, *again.steps[0].equivalents)
-    return (other, again) if same else (case, found)
+    names = [(one.effect.id, *step.equivalents) for one, step in zip(again.accepted, again.steps, strict=True)]
+    stands = names if last.structure.delays else names[:1]
+    return (other, again) if any(last.id in them for them in stands) else so_far
 
 
 def finished(case: Case, found: Diagnosis, holdouts: tuple[Log, ...]) -> Diagnosis:

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import varied
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
-from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.base_fit import assembled
+from pmsm_ctrl.regression.balances import LATE, Record
+from pmsm_ctrl.regression.base_fit import delay_of, laid_out_again, true_torque, with_priors
 from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.covariance import noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
-from pmsm_ctrl.regression.modelled import with_direction
+from pmsm_ctrl.regression.modelled import with_direction, with_modelled_torque
 
 __all__ = [
     "LONGEST", "Free", "moved_to", "searched", "shifted", "sizes_in_shape", "straight_over", "tangent_of",
@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 Free = tuple[int, str]  # position among the accepted effects, and the name in its shape
 
 ROUNDS = 8
+# After a step the torque that the model itself predicts is read again, until it stays to within this share.
+READINGS, STAYS = 8, 3e-4
 # Difference of a shape's logarithm for its column, and longest step of it, in the step over which its structure calls
 # the prediction a straight line; and the part of a standard error that ends the steps.
 DIFFERENCE, LONGEST, SETTLED = 0.05, 20.0, 0.02
@@ -59,8 +61,11 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
         rough = frozenset(k for k, name in free if _is_rough(design, fit, (k, name)))
         fit = replace(fit, rough=rough)
         free = [(k, name) for k, name in free if k not in rough]
+        delayed = any(group.delays for group in fit.model.groups)
+        if delayed:  # until now it is met within a share of a period
+            fit = _reading_its_torque(design, fit)
         if not free:
-            return fit
+            return _with_errors(fit) if delayed else fit
         columns = slice(len(fit.model.names), None)
         for _ in range(ROUNDS):
             tangent = tangent_of(design, fit, free)
@@ -70,7 +75,7 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
             moved = _moved(design, fit, free, np.clip(step, -longest, longest))
             if moved is None or np.all(np.abs(step) <= SETTLED * stderr):
                 break
-            fit = moved
+            fit = _reading_its_torque(design, moved)
         tangent = tangent_of(design, fit, free)
     except UnavailableError:  # a shape beyond what the log can evaluate
         return _with_errors(fit)
@@ -193,40 +198,51 @@ def _is_rough(design: Design, fit: Fitted, one: Free) -> bool:
 
 
 def _model(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> tuple[Record, Model]:
-    """Return the record and the model of other shapes, with the priors of the fit."""
+    """Return the record and the model of other shapes, with the priors of the fit.
+
+    Where the drive signal is late, the columns of its sampling read the torque of these shapes, not of the fit's.
+    """
     moved = [k for k, (one, before) in enumerate(zip(accepted, fit.accepted, strict=True)) if one.shape != before.shape]
     record, groups = fit.record, list(fit.model.groups)
     turning = [accepted[k] for k in moved if accepted[k].effect.structure.replaces_direction]
     for one in turning:
         record = with_direction(record, one.effect.structure.direction(record, one.effect, one.shape))
     if turning:  # every column of dry friction is another one
-        model, _ = assembled(design, record, accepted)
-        if model.names != fit.model.names:
-            raise UnavailableError("another shape has other parameters")
-        groups = list(model.groups)
+        model = laid_out_again(design, record, fit.model, accepted)
     else:
         for k in moved:
             position = fit.position(k)
             assert position is not None  # it does not replace the direction
             groups[position] = effect_group(record, accepted[k].effect, accepted[k].shape)
-    model = Model.of(groups, fit.model.names, fit.model.nominal, fit.model.sigma)
-    return record, replace(model, doubt=fit.model.doubt, bias=fit.model.bias)
+        model = with_priors(groups, fit.model)
+    if moved and _is_late(record):
+        driving = record.signals["torque"] - record.signals.get("T_load", 0.0)
+        more = (model.matrix[0] - fit.model.matrix[0]) @ fit.estimate.values
+        record = with_modelled_torque(record, record.at_grid(driving) + more, record.late or 0.0)
+        model = laid_out_again(design, record, fit.model, accepted)
+    return record, model
+
+
+def _reading_its_torque(design: Design, fit: Fitted) -> Fitted:
+    """Return a fit of moved shapes; the columns of a late drive signal are made of the torque that it predicts."""
+    for _ in range(READINGS if _is_late(fit.record) else 0):
+        torque = true_torque(fit.model, fit.estimate)
+        record = with_modelled_torque(fit.record, torque, delay_of(fit.model, fit.estimate.values))
+        model = laid_out_again(design, record, fit.model, fit.accepted)
+        solved = solve_model(record, model, fit.weights, fit.plain)
+        fit = replace(fit, record=record, model=model, plain=solved, estimate=bounded(solved))
+        if np.linalg.norm(true_torque(model, fit.estimate) - torque) < STAYS * np.linalg.norm(torque):
+            break
+    return fit
+
+
+def _is_late(record: Record) -> bool:
+    return record.late is not None and abs(record.late) >= LATE * record.period
 
 
 def _change(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Array:
     """Return by how much other shapes change the prediction, shape (channels, m); all values stay."""
-    values, out = fit.estimate.values, np.zeros(fit.record.target.shape)
-    for k, (one, before) in enumerate(zip(accepted, fit.accepted, strict=True)):
-        if one.shape == before.shape:
-            continue
-        if (position := fit.position(k)) is None:
-            return np.asarray((_model(design, fit, accepted)[1].matrix - fit.model.matrix) @ values)
-        own = values[fit.model.columns_of(position)]
-        for row, columns in effect_group(fit.record, one.effect, one.shape).entering:
-            out[row] += own @ columns
-        for row, columns in fit.model.groups[position].entering:
-            out[row] -= own @ columns
-    return out
+    return np.asarray((_model(design, fit, accepted)[1].matrix - fit.model.matrix) @ fit.estimate.values)
 
 
 def moved_to(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Fitted:

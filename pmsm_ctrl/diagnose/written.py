@@ -7,7 +7,7 @@ from dataclasses import replace
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.outcome import errors_table
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors
-from pmsm_ctrl.regression.evaluated import with_evaluation
+from pmsm_ctrl.regression.evaluated import as_compared, with_evaluation
 from pmsm_ctrl.regression.prediction import errors as errors_of
 from pmsm_ctrl.regression.prediction import predict
 from pmsm_ctrl.regression.worse_than_given import torque_error, worse_by_error
@@ -33,7 +33,7 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
     found = replace(found, errors={**found.errors, "nominal": nominal})
     if found.design is case.as_given:
         return found
-    rms, relative = torque_error(found.design, record)
+    rms, relative = torque_error(found.design, as_compared(found.design, record, case.believed.log))
     own = {"rms": rms, "unit": record.unit("torque"), "relative": relative}
     final = {**found.errors["final"], "torque": own}
     found = replace(found, errors={**found.errors, "final": final}, steps=_ending_at(found, final))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +17,7 @@ from pmsm_ctrl.evidence.linalg import own_shares
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.balances import LATE, Record
 from pmsm_ctrl.regression.bounds import bounded
-from pmsm_ctrl.regression.columns import effect_group
+from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.lateness import lateness, with_sampling_bounded
 from pmsm_ctrl.regression.model import FIXED, OWN, Model, Solved, base_groups, solve_model
@@ -27,8 +27,7 @@ from pmsm_ctrl.regression.spread import with_spread
 
 __all__ = [
     "SETTLED", "Accepted", "Estimated", "Settled", "assembled", "base_fit", "delay_of", "estimated", "false_torque",
-    "settled_model", "true_torque", "weighted",
-    "with_bristles",
+    "laid_out_again", "settled_model", "true_torque", "weighted", "with_bristles", "with_priors",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -285,6 +284,40 @@ def assembled(
     """
     wired = (one for one in accepted if not one.effect.structure.replaces_direction)
     return base_groups(design, record, settled, [effect_group(record, one.effect, one.shape) for one in wired])
+
+
+def laid_out_again(design: Design, record: Record, model: Model, accepted: Iterable[Accepted] = ()) -> Model:
+    """Return a model with every column made on another record, and the priors that it has.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    model : Model
+    accepted : iterable of Accepted
+        The effects in it beside the design's own.
+
+    Raises
+    ------
+    UnavailableError
+        When they have other parameters on this record.
+    """
+    made, _ = assembled(design, record, accepted)
+    if made.names != model.names:
+        raise UnavailableError("another shape has other parameters")
+    return with_priors(made.groups, model)
+
+
+def with_priors(groups: Sequence[Group], model: Model) -> Model:
+    """Return groups as a model with the priors of another one of the same parameters.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+    model : Model
+    """
+    made = Model.of(groups, model.names, model.nominal, model.sigma)
+    return replace(made, doubt=model.doubt, bias=model.bias)
 
 
 def with_bristles(design: Design, record: Record, accepted: Iterable[Accepted] = ()) -> Record:

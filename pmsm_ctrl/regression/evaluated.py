@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pmsm_ctrl.design import Design, Evaluated
+from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.regression.timed_record import of_one_axis, timed_record
 
-__all__ = ["record_as_evaluated", "with_evaluation", "without_stretches"]
+__all__ = ["as_compared", "record_as_evaluated", "with_evaluation", "without_stretches"]
 
 AROUND = 2.0  # periods of the cutoff that are left out on either side of a stretch
 
@@ -61,6 +62,24 @@ def record_as_evaluated(design: Design, log: Log) -> Record:
     record = without_stretches(record, known.left_out, known.changes)
     record = of_one_axis(design, record) if record.records else record
     return replace(record, lines=known.encoder_lines)
+
+
+def as_compared(design: Design, record: Record, log: Log) -> Record:
+    """Return a record as `compare` makes it of the design that is written: a delay in that moves the reversals.
+
+    Parameters
+    ----------
+    design : Design
+        As it is written.
+    record : Record
+        As it was judged.
+    log : Log
+        The log that the record was made from.
+    """
+    effects = catalogue_of(design)
+    if not any(entry.id in effects and effects[entry.id].structure.delays for entry in design.effects):
+        return record
+    return record_as_evaluated(with_evaluation(design, record, log), log)
 
 
 def without_stretches(

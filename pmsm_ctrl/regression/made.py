@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.importers.timebase import growing_steps
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Memo, Record, make_record
@@ -49,7 +50,8 @@ class Made:
     ) -> Record:
         """Do what `make_record` does, once.
 
-        Columns of the measured motion alone are the same for all of these designs, and stay remembered.
+        Columns of the measured motion alone are the same for all of these designs, and stay remembered. What is
+        measured wrongly, and when, moves the reversals of the friction: designs that differ in that share no record.
 
         Parameters
         ----------
@@ -57,7 +59,7 @@ class Made:
         processing, age, timing
             As there.
         """
-        key = (processing, age, timing)
+        key = (processing, age, timing, _misread(design))
         if self.records is None or key not in self.records:
             record = make_record(design, self.log, processing, age, timing)
             if self.records is not None:
@@ -76,6 +78,13 @@ class Made:
         for record in (self.records or {}).values():
             for key in [key for key in record.kept if key[0] == SETTLED and record.kept is not but.kept]:
                 del record.kept[key]
+
+
+def _misread(design: Design) -> tuple[object, ...]:
+    """Return the effects of measurement that a design states, with their parameters."""
+    effects = catalogue_of(design)
+    wrong = (entry for entry in design.effects if entry.id in effects and effects[entry.id].enters == "measurement")
+    return tuple((entry.id, *sorted(entry.parameters.items())) for entry in wrong)
 
 
 def for_design(record: Record, design: Design) -> Record:

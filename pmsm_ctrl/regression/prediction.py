@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.base_fit import (
+    Settled,
     assembled,
     delay_of,
     false_torque,
+    laid_out_again,
     settled_model,
     weighted,
     with_bristles,
 )
 from pmsm_ctrl.regression.bounds import holding
 from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, DriveTiming
-from pmsm_ctrl.regression.lateness import stopped
 from pmsm_ctrl.regression.model import AGE, TURNING, Model
 from pmsm_ctrl.regression.modelled import with_modelled_torque
 
@@ -33,6 +34,7 @@ STATED = ("J", "R", "L_d", "L_q", "psi_f")
 # Times with a prior that says what is possible; the delay of the drive signal has bounds of its own.
 TIMES = (AGE, EMF, TURNING)
 SURE = 3.0  # standard deviations of the prior
+READINGS = 3  # of the torque that a design with a delay makes, beside the nuisances
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +87,13 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
     if like is not None:
         return _alike(design, record, like)
     found = settled_model(design, record)
-    fit = weighted(found)
-    held = physical_columns(found.model)
+    fit, held = weighted(found), physical_columns(found.model)
     at = {k: float(found.model.nominal[k]) for k in held}
-    if LATENESS in found.model.names and stopped(found.record, found.model):
-        # what no sampling can do is something that the design lacks, and belongs to the residual
-        at[found.model.names.index(LATENESS)] = 0.0
     beside = holding(fit, at)
+    for _ in range(READINGS if any(group.delays for group in found.model.groups) else 0):
+        found = _about_its_delay(design, found, beside.values)
+        fit = weighted(found)
+        beside = holding(fit, at)
     if _impossible(found.model, beside.values):
         beside = holding(fit, {k: at.get(k, float(value)) for k, value in enumerate(fit.values)})
     if at_zero := _better_without(found.record, found.model, beside.predicted(), at):
@@ -100,6 +102,13 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
     stderr = np.nan_to_num(beside.stderr)
     nuisances = {found.model.names[k]: (float(beside.values[k]), float(stderr[k])) for k in free}
     return Prediction(found.record, beside.predicted(), nuisances, found.notes)
+
+
+def _about_its_delay(design: Design, found: Settled, values: Array) -> Settled:
+    """Return the model of a design that states a delay, met exactly by the design's torque and not by that of a fit."""
+    torque = found.model.matrix[0] @ values - false_torque(found.model, values)
+    record = with_modelled_torque(found.record, torque, delay_of(found.model, values))
+    return replace(found, record=record, model=laid_out_again(design, record, found.model))
 
 
 def _impossible(model: Model, values: Array) -> bool:

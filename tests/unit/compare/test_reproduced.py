@@ -13,13 +13,20 @@ from pmsm_ctrl.cli import app
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add, diagnose, diagnosis
+from pmsm_ctrl.diagnose.adding import added
+from pmsm_ctrl.diagnose.fit import fit_design
+from pmsm_ctrl.diagnose.fitted_design import fitted_design
+from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
+from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression import worse_than_given as rule
 from pmsm_ctrl.regression.balances import STANDSTILL, make_record
+from pmsm_ctrl.regression.base_fit import Accepted, base_fit, true_torque
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.regression.evaluated import record_as_evaluated, with_evaluation
+from pmsm_ctrl.regression.made import Made, for_design
 from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.simulate import scenario, simulate
@@ -181,3 +188,89 @@ def test_worse_is_what_leaves_more_of_the_torque() -> None:
     assert worse.code == "worse_than_given"
     error = 0.4 / np.sqrt(np.mean(log["torque"] ** 2))  # 0.4 N m too much dry friction, nearly always of one sign
     assert worse.detail["percent"] == pytest.approx(100.0 * error, rel=0.1)
+
+
+# ---- a drive signal that is late --------------------------------------------------------------------------------
+
+
+def late_log(late: float, stribeck: float = 0.0, rate: float = 500.0) -> tuple[Design, Log]:
+    """A design that knows all but a Stribeck friction, and a log whose torque is late, s."""
+    t = np.arange(round(16.0 * rate)) / rate
+    then = t - late
+    speed = 12.0 * np.sin(2.1 * then) + 6.0 * np.sin(5.3 * then)
+    alpha = 25.2 * np.cos(2.1 * then) + 31.8 * np.cos(5.3 * then)
+    torque = np.sign(speed) * (0.4 + stribeck * np.exp(-np.abs(speed) / 2.0)) + 0.02 * speed + 0.01 * alpha
+    theta = 12.0 / 2.1 * (1.0 - np.cos(2.1 * t)) + 6.0 / 5.3 * (1.0 - np.cos(5.3 * t))
+    design = Design.from_dict({"name": "late", "motor": {"J": 0.01, "K_t": 1.0}})
+    design = design.with_effect("coulomb", {"F_c": 0.4}).with_effect("viscous", {"F_v": 0.02})
+    return design, Log(
+        {"t": t, "theta": theta, "torque": torque + 0.004 * np.random.default_rng(7).normal(size=len(t))}
+    )
+
+
+def test_a_drive_signal_later_than_sampling_can_make_it_is_predicted_as_late_as_that() -> None:
+    """It was predicted as not late at all: three times the error of the fit, which holds the bound."""
+    design, log = late_log(2.6e-3)  # a period of this log is 2 ms
+    record = make_record(design, log, Processing(standstill=STANDSTILL))
+    fit = base_fit(design, record)
+    found = predict(design, record)
+    assert found.nuisances["tau_drive"][0] == pytest.approx(record.sampling, rel=1e-3)
+    left = errors(fit.record, fit.record.target - fit.inside.predicted())["torque"][1]
+    assert errors(found.record, found.residual)["torque"][1] == pytest.approx(left, rel=0.02)
+
+
+def test_designs_with_another_delay_share_no_record() -> None:
+    """The moments of reversal follow from the torque as it was: those of a late torque are late."""
+    design, log = late_log(8e-3)
+    made = Made.kept(log)
+    late = made.record(design)
+    known = made.record(design.with_effect("delay", {"tau": 8e-3}))
+    assert made.record(design).signals["direction"] is late.signals["direction"]
+    assert not np.array_equal(known.signals["direction"], late.signals["direction"])
+
+
+def test_shapes_are_fitted_to_the_torque_that_they_make() -> None:
+    """The columns of a late drive signal were made of the torque that the shapes before made."""
+    design, log = late_log(1.6e-3, stribeck=0.3)
+    record = timed_record(design, log)
+    curve = CATALOGUE["stribeck"]
+    start = Accepted(curve, {"w_s": 6.0, "delta": 1.0}, ({"w_s": 1.0, "delta": 1.0}, {"w_s": 20.0, "delta": 1.0}))
+    fit = with_shapes_fitted(design, fit_design(design, record, (start,), {}, explore=False))
+    assert fit.accepted[0].shape["w_s"] == pytest.approx(2.0, rel=0.1)
+    own = true_torque(fit.model, fit.estimate)
+    read = fit.record.at_grid(fit.record.signals["torque"])
+    assert np.linalg.norm((read - own)[fit.record.mask]) < 1e-3 * np.linalg.norm(own[fit.record.mask])
+
+
+def test_a_design_with_a_delay_and_a_curve_has_the_error_of_their_fit() -> None:
+    """The delay was met where the free fit of the first passes had it, not where the design has it."""
+    design, log = late_log(5e-3, stribeck=0.3)
+    record = make_record(design.with_effect("delay", {"tau": 5e-3}), log, Processing(standstill=STANDSTILL))
+    record = for_design(record, design)
+    shapes = ({"w_s": 1.0, "delta": 1.0}, {"w_s": 20.0, "delta": 1.0})
+    both = Accepted(CATALOGUE["delay"], {}, ({},)), Accepted(CATALOGUE["stribeck"], {"w_s": 3.0, "delta": 1.0}, shapes)
+    fit = with_shapes_fitted(design, fit_design(design, record, both, {}, explore=False))
+    written = fitted_design(design, fit)
+    assert written.parameters("delay")["tau"] == pytest.approx(5e-3, rel=0.03)
+    seen = predict(written, record)
+    judged = errors(fit.record, fit.residual)["torque"][1]
+    assert errors(seen.record, seen.residual)["torque"][1] == pytest.approx(judged, rel=0.03)
+
+
+def test_a_delay_is_written_as_it_was_judged() -> None:
+    design, log = late_log(5e-3)
+    found = diagnose(design, log, candidates=("delay",), plan=False)
+    assert [step.effect for step in found.steps] == ["delay"]
+    fit = found.selection.fit
+    judged = errors(fit.record, fit.residual)["torque"][1]
+    seen = compare(found.design, log).log.errors["torque"].relative
+    assert found.errors["final"]["torque"]["relative"] == pytest.approx(seen, rel=1e-3)
+    assert judged == pytest.approx(seen, rel=0.01)
+
+
+def test_a_delay_that_is_added_is_written_as_it_was_judged() -> None:
+    design, log = late_log(5e-3)
+    found = added(design, log, "delay")
+    assert found.design.parameters("delay")["tau"] == pytest.approx(5e-3, rel=0.03)
+    seen = compare(found.design, log).log.errors["torque"].relative
+    assert found.errors["final"]["torque"]["relative"] == pytest.approx(seen, rel=1e-3)
