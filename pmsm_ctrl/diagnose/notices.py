@@ -114,13 +114,12 @@ MINOR_PART = Template(
 )
 DEPENDENCE = Template(
     "residual_dependence",
-    "{percent:.0f} % of the residual of the {balance} balance depends on {coordinate}, up to {peak}{place}; no effect "
-    "of the catalogue explains it",
+    "{percent:.0f} % of the residual of the {balance} balance depends on {coordinate}, up to {peak}{place}; {why}",
 )
 RESEMBLANCE = Template(
     "residual_resembles_effect",
     "the residual of the {balance} balance is not noise{place}: {effect} would explain {percent:.0f} % of it, but is "
-    "{refusal}; no effect of the catalogue explains it",
+    "{refusal}; {why}",
 )
 SLOW_TORQUE = Template(
     "slow_torque",

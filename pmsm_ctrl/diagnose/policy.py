@@ -76,7 +76,9 @@ class Policy:
         are known well, or over all of them. Set on: worlds; machines, where a dead time of 0.02 V was named.
     left_inside : float
         Share of what an effect explains that must be left when no base parameter leaves its bounds: most of it. A
-        gap is sized as a whole where its part beyond the noise explains this share of it. A convention.
+        gap is sized as a whole where its part beyond the noise explains this share of it. A common course around
+        reversals is unexplained structure where this share of it is left beside the path of the drive signal. A
+        convention.
     returned, impossible : float
         Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect, or the levels of
         several records to each other. A return of more than `returned` is reported, and no error has to fall then. For
@@ -116,8 +118,8 @@ class Policy:
         reversals. No sampling causes that; a presliding left out of the candidates resembles a Stribeck curve there for
         3 to 5 %. Set on: blind.
     around_reversals : float
-        Ratio of the rms residual around reversals to that elsewhere above which the residual is said to sit there. Set
-        on: blind.
+        Ratio of the rms residual around reversals to that elsewhere above which the residual is said to sit there; and
+        of the one at edges of the torque to that at edges elsewhere above which it is no error of edges. Set on: blind.
     visible_share : float
         Smallest share of the motion that must be slow enough for the lowest usual order of an effect to pass the
         filter. Set on: blind.

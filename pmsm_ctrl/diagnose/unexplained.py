@@ -7,6 +7,7 @@ it up, with a value that no motor of that datasheet has?
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +22,17 @@ from pmsm_ctrl.diagnose.result import Structure
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.diagnose.single_wave import single_wave
+from pmsm_ctrl.effects.structures.interface import drive_path
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.bounds import bounded
+from pmsm_ctrl.regression.columns import Group
+from pmsm_ctrl.regression.model import solve_model
 from pmsm_ctrl.rendering.numbers import with_prefix
 from pmsm_ctrl.residuals.coordinates import Drive, accelerations
 from pmsm_ctrl.residuals.dependence import Dependence, Relevance, Trace, residual_structure
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["dependence", "impossible_winding", "resemblance", "slow_torque", "unexplained"]
+__all__ = ["beside_path", "dependence", "impossible_winding", "resemblance", "slow_torque", "unexplained"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -36,6 +41,15 @@ RESEMBLING = (Reason.NOT_CONFIRMED, Reason.MINOR)  # refusals of an effect that 
 FEWEST_SAMPLES = 100  # of a balance that is judged
 FEWEST = 4  # samples whose mean is drawn, and reversals that can repeat each other
 HALF = 0.5  # of the samples around a reversal have to take part
+# Why a structure is an open question, where the log says what else may have left it; and what is said otherwise.
+NO_EFFECT = "no effect of the catalogue explains it"
+PATH = (
+    "a drive signal that is late, averaged or filtered by about a period of the log or of the speed loop may have left "
+    "it as well"
+)
+EDGES = "edges of the torque, which sampling and current loop blur, leave as much elsewhere as around reversals"
+UNKNOWN = "what is there weighs less than what is left elsewhere, since the torque around reversals is hardly known"
+SMALL = "it is less than {percent:.1g} % of the balance, as errors of any model are"
 # What a missing voltage looks like where a parameter of the winding takes it up, and the parameter's unit.
 LIKENESS = {"R": ("a resistance", "Ohm"), "L_d": ("an inductance", "H"), "L_q": ("an inductance", "H")}
 
@@ -56,11 +70,50 @@ def unexplained(selection: Selection, policy: Policy = POLICY) -> Structure | No
 def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     """Return the coordinate that the residual depends on most; None when it depends on none.
 
+    An error of the drive signal at the edges of the torque is a curve over the acceleration, the current or the speed
+    of a motion that repeats itself. A dependence that is gone `beside_path` is an open question.
+
     Parameters
     ----------
     fit : Fitted
     policy : Policy
     """
+    found = _strongest(fit, policy)
+    if found is None:
+        return None
+    (one, name), record = found, fit.record
+    confirmed = _strongest(beside_path(fit), policy) is not None
+    coordinate = coordinate_words(one)
+    notice = notices.DEPENDENCE(
+        percent=100.0 * one.added, balance=_balance(record, name), coordinate=coordinate,
+        peak=with_prefix(one.peak, record.unit(name)), why=NO_EFFECT if confirmed else PATH,
+        place="" if one.coordinate == "direction" else f" {largest_words(one)}",
+    )  # fmt: skip
+    curve = (one.x, one.forward, one.backward)
+    return Structure(coordinate, one.unit, name, one.added, one.p_value, curve, notice, confirmed=confirmed)
+
+
+def beside_path(fit: Fitted) -> Fitted:
+    """Return a fit beside all that may lie between the logged drive signal and the torque.
+
+    How a log was sampled is fitted as a delay and a variance. A current loop, a hold and a mean over many periods leave
+    more than these two, which is as large as the edges of the torque are steep. Each effect with a mass of its own is
+    judged beside these columns; so is what no effect explains.
+
+    Parameters
+    ----------
+    fit : Fitted
+    """
+    record = fit.record
+    parts = drive_path(record)
+    symbols = tuple(f"path {k + 1}" for k in range(len(parts)))
+    model = fit.model.plus(Group(None, symbols, record.stack_all(parts), {}), 1.0)
+    plain = solve_model(record, model, fit.weights, fit.plain)
+    return replace(fit, model=model, plain=plain, estimate=bounded(plain))
+
+
+def _strongest(fit: Fitted, policy: Policy) -> tuple[Dependence, str] | None:
+    """Return the dependence that explains most of the residual of any balance, and the balance; None without any."""
     record, plain = fit.record, fit.plain
     predicted = plain.predicted()
     J = float(plain.values[plain.model.names.index("J")])
@@ -80,16 +133,7 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
         structure = residual_structure(record.prepared, trace, drive, relevance, table=False)
         if structure.named:
             found.append((structure.named[0], name))
-    if not found:
-        return None
-    one, name = max(found, key=lambda f: f[0].added)
-    coordinate = coordinate_words(one)
-    notice = notices.DEPENDENCE(
-        percent=100.0 * one.added, balance=_balance(record, name), coordinate=coordinate,
-        peak=with_prefix(one.peak, record.unit(name)),
-        place="" if one.coordinate == "direction" else f" {largest_words(one)}",
-    )  # fmt: skip
-    return Structure(coordinate, one.unit, name, one.added, one.p_value, (one.x, one.forward, one.backward), notice)
+    return max(found, key=lambda f: f[0].added, default=None)
 
 
 def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | None:
@@ -97,7 +141,7 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
 
     The effect itself was refused for a reason: something like it is missing. Left-out data have to confirm that, either
     blocks by `first_block_errors`, or each reversal by the mean course of the others. Otherwise it is an open question;
-    a minor effect is none.
+    a minor effect is none. So it is where it sits around reversals as the edges of the torque do (`_doubt`).
 
     Parameters
     ----------
@@ -119,7 +163,7 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     rest, whole = (values[row] * record.weight[row] * record.mask for values in (fit.residual, record.target))
     if float(rest @ rest) < policy.small_size**2 * float(whole @ whole):
         return None  # whatever it is, nobody needs to know
-    ratio, curve = _around_reversals(fit, row)
+    ratio, curve = _around_reversals(record, fit.residual[row], row)
     minor, around = refusal.reason is Reason.MINOR, ratio > policy.around_reversals
     repeated = around and _repeated(fit, row) > policy.block_errors
     told = repeated if minor else around or share > policy.excess
@@ -132,11 +176,13 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
         coordinate, unit = "acceleration", axis_unit("rad/s^2", record.prepared.motion)
         curve = _over(record.at_grid(record.signals["alpha"]), record, fit.residual[row])
     channel = record.channels[row]
-    notice = notices.RESEMBLANCE(
-        balance=_balance(record, channel), place=place, effect=name, percent=100.0 * share, refusal=refusal
-    )
     gained = not minor and refusal.detail["gain"] > policy.first_block_errors * refusal.detail["stderr"]
-    confirmed = repeated or (share > policy.excess and gained)
+    doubt = _doubt(fit, row, policy) if repeated else ""
+    notice = notices.RESEMBLANCE(
+        balance=_balance(record, channel), place=place, effect=name, percent=100.0 * share, refusal=refusal,
+        why=doubt or NO_EFFECT,
+    )  # fmt: skip
+    confirmed = (repeated and not doubt) or (share > policy.excess and gained)
     return Structure(coordinate, unit, channel, share, best.p_value, curve, notice, name, confirmed)
 
 
@@ -220,50 +266,116 @@ def _where_it_enters(fit: Fitted, direction: Array) -> int:
     return int(np.argmax(np.bincount(fit.weights.channel, weights=power, minlength=len(fit.record.channels))))
 
 
-def _around_reversals(fit: Fitted, row: int) -> tuple[float, tuple[Array, Array, Array]]:
+def _doubt(fit: Fitted, row: int, policy: Policy) -> str:
+    """Return what else may have left a course that the residual takes around every reversal; empty where nothing may.
+
+    A motion that repeats itself repeats every error of the model. Friction is meant only where most of the common
+    course is left beside what blurs edges of the torque, and where the residual at edges around reversals is larger
+    than at those elsewhere; by as much as a contribution needs for a name, and in samples that count.
+    """
+    record, residual = fit.record, fit.residual[row]
+    rest, whole = (values * record.weight[row] * record.mask for values in (residual, record.target[row]))
+    if float(rest @ rest) < policy.size**2 * float(whole @ whole):
+        return SMALL.format(percent=100.0 * policy.size)
+    since, weighed = _since_reversal(record)[0], (record.weight[row] * residual)[record.mask] ** 2
+    near = _near(record, since)[record.mask]
+    if float(np.mean(weighed[near])) < float(np.mean(weighed[~near])):
+        return UNKNOWN
+    common, left = (float(np.sum(_alike(one, row))) for one in (fit, beside_path(fit)))
+    if left < policy.left_inside * common:
+        return PATH
+    edges = _edges(record)
+    at_edges, usual = (_around_reversals(record, values, row)[0] for values in (residual * edges, edges))
+    return EDGES if at_edges < policy.around_reversals * usual else ""
+
+
+def _edges(record: Record) -> Array:
+    """Return how fast torque and acceleration change together, N m/s, shape (m,): not where friction changes its sign.
+
+    An edge of the drive's torque is one of the acceleration. Where friction jumps, the torque jumps and the
+    acceleration does not, or the acceleration jumps the other way.
+    """
+    s = record.signals
+    both = record.rate_of(s["torque"]) * record.rate_of(record.design.J * s["alpha"])
+    return record.at_grid(np.sqrt(np.maximum(both, 0.0)))
+
+
+def _around_reversals(record: Record, residual: Array, row: int) -> tuple[float, tuple[Array, Array, Array]]:
     """Return the rms around reversals over that elsewhere, and the residual over the time since the reversal."""
-    record = fit.record
-    omega, t = record.signals["omega"], record.prepared.t
+    since, forward = _since_reversal(record)
+    near = _near(record, since)
+    weight = (record.weight[row] * record.mask) ** 2
+    if not np.any(near) or int(np.sum((weight > 0.0) & ~near)) < FEWEST_SAMPLES:
+        return 0.0, (np.zeros(0),) * 3  # there is no elsewhere
+    square = residual**2
+    powers = [float(np.sum(weight[s] * square[s]) / max(float(np.sum(weight[s])), 1e-300)) for s in (near, ~near)]
+    reach = _reach(record)
+    curve = _means(since, residual, forward, record.mask, np.linspace(-reach, 2.0 * reach, 31))
+    return float(np.sqrt(powers[0] / max(powers[1], 1e-300))), curve
+
+
+def _since_reversal(record: Record) -> tuple[Array, Mask]:
+    """Return the time since the nearest reversal, s, and whether the axis moves forward after it; shape (m,) each."""
+    omega, t, grid = record.signals["omega"], record.prepared.t, record.t
     turns = np.flatnonzero(np.diff(np.sign(omega)) != 0.0)
-    reach = 2.0 / record.prepared.cutoff
-    grid = record.t
     if len(turns) == 0:
-        return 0.0, (np.zeros(0),) * 3
+        return np.full(len(grid), np.inf), np.ones(len(grid), dtype=bool)
     after = np.clip(np.searchsorted(t[turns], grid), 1, len(turns)) - 1
     before = np.minimum(after + 1, len(turns) - 1)
     nearest = np.where(np.abs(grid - t[turns[after]]) < np.abs(grid - t[turns[before]]), after, before)
-    since = grid - t[turns[nearest]]
-    weight = (record.weight[row] * record.mask) ** 2
-    near = np.abs(since) < reach
-    if not np.any(weight[~near]):
-        return 0.0, (np.zeros(0),) * 3  # there is no elsewhere
-    square = fit.residual[row] ** 2
-    powers = [float(np.sum(weight[s] * square[s]) / max(float(np.sum(weight[s])), 1e-300)) for s in (near, ~near)]
-    edges = np.linspace(-reach, 2.0 * reach, 31)
-    forward = np.sign(omega[turns[nearest] + 1]) > 0.0
-    curve = _means(since, fit.residual[row], forward, record.mask, edges)
-    return float(np.sqrt(powers[0] / max(powers[1], 1e-300))), curve
+    return grid - t[turns[nearest]], np.sign(omega[turns[nearest] + 1]) > 0.0
+
+
+def _near(record: Record, since: Array) -> Mask:
+    return np.abs(since) < _reach(record)
+
+
+def _reach(record: Record) -> float:
+    """Return the memory of the filter on either side of a reversal, s."""
+    return 2.0 / record.prepared.cutoff
 
 
 def _repeated(fit: Fitted, row: int) -> float:
     """Return whether the residual takes the same course around every reversal: the mean over its standard error.
 
-    Of what the mean course of all others explains of each. Noise that is larger around reversals than elsewhere, as
-    that of a coarse encoder, has another course each time.
+    Noise that is larger around reversals than elsewhere, as that of a coarse encoder, has another course each time. A
+    few reversals tell their own scatter badly, by Student's distribution: what is returned are the standard errors of
+    as many as one likes that are as unlikely.
+    """
+    from scipy.stats import norm
+    from scipy.stats import t as student
+
+    alike = _alike(fit, row)
+    if len(alike) < FEWEST:
+        return 0.0
+    errors = np.mean(alike) / max(float(np.std(alike, ddof=1)) / math.sqrt(len(alike)), 1e-300)
+    return float(norm.isf(student.sf(errors, len(alike) - 1)))
+
+
+def _alike(fit: Fitted, row: int) -> Array:
+    """Return what the course of the residual around each reversal has in common with those around all others.
+
+    An axis that comes to rest may turn many times there: only reversals whose courses share no sample are looked at.
     """
     record = fit.record
     omega, t = record.signals["omega"], record.prepared.t
-    reach = 2.0 / record.prepared.cutoff
+    reach = _reach(record)
     since = np.arange(-reach, 2.0 * reach, 1.0 / record.rate)
     residual = fit.residual[row] * record.weight[row] * record.mask
     turns = np.flatnonzero(np.diff(np.sign(omega)) != 0.0)
     seen = [np.interp(t[k] + since, record.t, record.mask).mean() > HALF for k in turns]
-    turns = turns[np.array(seen, dtype=bool)]
-    if len(turns) < FEWEST:
-        return 0.0
+    turns = _apart(t, turns[np.array(seen, dtype=bool)], 3.0 * reach)
     course = np.array([np.sign(omega[k + 1]) * np.interp(t[k] + since, record.t, residual) for k in turns])
-    alike = np.sum(course * (course.sum(axis=0) - course), axis=1)
-    return float(np.mean(alike) / max(float(np.std(alike, ddof=1)) / math.sqrt(len(alike)), 1e-300))
+    return np.sum(course * (course.sum(axis=0) - course), axis=-1) if len(turns) else np.zeros(0)
+
+
+def _apart(t: Array, places: NDArray[np.intp], least: float) -> NDArray[np.intp]:
+    """Return the places, from the first on, that lie no closer together than `least`, s."""
+    kept: list[int] = []
+    for k in places.tolist():
+        if not kept or t[k] - t[kept[-1]] >= least:
+            kept.append(k)
+    return np.array(kept, dtype=np.intp)
 
 
 def _over(x: Array, record: Record, residual: Array) -> tuple[Array, Array, Array]:
