@@ -34,6 +34,9 @@ AT_ONCE, FEWEST_LANES = 4e6, 8  # bytes of columns that are made side by side, a
 SHORTEST, LONGEST, GAPS = 0.003, 0.08, 15
 # Gap over what the contact gives way under the mean acceleration: behind less, a load hangs on a damper, not on flanks.
 FIRM = 2.0
+# The stiffest contact that is followed, Hz, ten times the stiffest that is searched. Its stroke lasts a sixth of a
+# sample of 1 kHz; what is stiffer no log tells, and takes any number of steps a sample.
+STIFFEST = 3000.0
 # By how much a heavily damped contact is followed in finer steps, at most: a coarser step makes it unstable.
 FINEST = 100.0
 
@@ -87,6 +90,11 @@ class Gap(Transmission):
             return np.zeros_like(values)
         return beyond_noise(values, balances.shaft_noise())
 
+    def inside(self, effect: Effect, shape: Mapping[str, float], name: str, value: float) -> float:
+        """Return the value inside the bounds; the contact's frequency has an upper one."""
+        most = 2.0 * np.pi * STIFFEST if name == FREQUENCY else np.inf
+        return min(super().inside(effect, shape, name, value), most)
+
     def search(self, effect: Effect, log: LogView) -> Search:
         """Return gaps with stiff and soft contacts.
 
@@ -118,6 +126,7 @@ class Gap(Transmission):
         s = balances.signals
         values = {p.symbol: np.full(len(shapes), p.start) for p in effect.parameters}
         w, zeta = (np.array([shape[name] for shape in shapes]) for name in (FREQUENCY, DAMPING))
+        w = np.minimum(w, 2.0 * np.pi * STIFFEST)
         values[self.gap] = np.array([shape[self.gap] for shape in shapes])
         values[self.stiffness], values[self.damping] = w * w, 2.0 * zeta * w
         steps = np.ceil(balances.period * w * 4.0 * np.clip(zeta / STUCK, 1.0, FINEST)).astype(int)

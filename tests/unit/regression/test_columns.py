@@ -86,3 +86,15 @@ def test_shapes_filtered_side_by_side_are_the_same_to_the_last_bit(record: Recor
         (alone,) = candidate_groups(replace(record, memo={}, kept={}), effect, [shape])
         np.testing.assert_array_equal(group.values, alone.values)
         assert [columns is None for columns in group.rows] == [False, True, True]
+
+
+def test_a_contact_as_stiff_as_one_likes_is_followed_in_few_steps(record: Record) -> None:
+    """A refinement had led to 72 MHz, and to a million steps for each sample: the diagnosis did not end."""
+    gap = CATALOGUE["backlash"]
+
+    def followed(hertz: float) -> np.ndarray:
+        (columns,) = effect_group(record, gap, {"gap": 0.01, "(w_a)": 2.0 * np.pi * hertz, "(zeta)": 2.0}).rows[0]
+        return columns[record.mask]
+
+    assert np.array_equal(followed(72e6), followed(3000.0))
+    assert gap.structure.inside(gap, {}, "(w_a)", 1e9) == 2.0 * np.pi * 3000.0
