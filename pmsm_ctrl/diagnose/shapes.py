@@ -224,14 +224,21 @@ def _model(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> tuple
 
 
 def _reading_its_torque(design: Design, fit: Fitted) -> Fitted:
-    """Return a fit of moved shapes; the columns of a late drive signal are made of the torque that it predicts."""
+    """Return a fit of moved shapes; the columns of a late drive signal are made of the torque that it predicts.
+
+    As it was where the readings do not settle: those of a delay as long as the motion is fast.
+    """
+    given, change = fit, np.inf
     for _ in range(READINGS if _is_late(fit.record) else 0):
         torque = true_torque(fit.model, fit.estimate)
         record = with_modelled_torque(fit.record, torque, delay_of(fit.model, fit.estimate.values))
         model = laid_out_again(design, record, fit.model, fit.accepted)
         solved = solve_model(record, model, fit.weights, fit.plain)
         fit = replace(fit, record=record, model=model, plain=solved, estimate=bounded(solved))
-        if np.linalg.norm(true_torque(model, fit.estimate) - torque) < STAYS * np.linalg.norm(torque):
+        before, change = change, float(np.linalg.norm(true_torque(model, fit.estimate) - torque))
+        if change > before:
+            return given
+        if change < STAYS * np.linalg.norm(torque):
             break
     return fit
 

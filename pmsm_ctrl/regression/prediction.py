@@ -90,10 +90,16 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
     fit, held = weighted(found), physical_columns(found.model)
     at = {k: float(found.model.nominal[k]) for k in held}
     beside = holding(fit, at)
+    usual, change = (found, fit, beside), np.inf
     for _ in range(READINGS if any(group.delays for group in found.model.groups) else 0):
+        before, torque = change, beside.predicted()[0]
         found = _about_its_delay(design, found, beside.values)
         fit = weighted(found)
         beside = holding(fit, at)
+        change = float(np.linalg.norm(beside.predicted()[0] - torque))
+        if change > before:  # those of a delay as long as the motion is fast do not settle
+            found, fit, beside = usual
+            break
     if _impossible(found.model, beside.values):
         beside = holding(fit, {k: at.get(k, float(value)) for k, value in enumerate(fit.values)})
     if at_zero := _better_without(found.record, found.model, beside.predicted(), at):
