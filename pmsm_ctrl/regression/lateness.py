@@ -14,7 +14,7 @@ from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD
 from pmsm_ctrl.regression.instruments import ReferenceEstimates, by_reference
 from pmsm_ctrl.regression.model import FIXED, Model, Solved
 
-__all__ = ["UNDETERMINED", "lateness", "with_sampling_bounded"]
+__all__ = ["UNDETERMINED", "lateness", "stopped", "with_sampling_bounded"]
 
 Array = NDArray[np.float64]
 
@@ -34,6 +34,21 @@ def lateness(model: Model, values: Array) -> float:
         Of its parameters.
     """
     return float(values[model.names.index(LATENESS)]) if LATENESS in model.names else 0.0
+
+
+def stopped(record: Record, model: Model) -> bool:
+    """Return whether the lateness of a model is held at the end of what sampling can do.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+        With a lateness among its parameters.
+    """
+    k = model.names.index(LATENESS)
+    late = _undone(record) + float(model.nominal[k])
+    ends = (-record.early, record.sampling)
+    return bool(model.nominal[k] != 0.0 and min(abs(late - end) for end in ends) < FIXED * record.sampling)
 
 
 def _undone(record: Record) -> float:

@@ -22,7 +22,8 @@ from pmsm_ctrl.regression.base_fit import (
 )
 from pmsm_ctrl.regression.bounds import holding
 from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, DriveTiming
-from pmsm_ctrl.regression.model import AGE, TURNING, Model
+from pmsm_ctrl.regression.lateness import stopped
+from pmsm_ctrl.regression.model import AGE, TURNING, Model, Solved
 from pmsm_ctrl.regression.modelled import with_modelled_torque
 
 __all__ = ["Prediction", "errors", "physical_columns", "predict"]
@@ -34,6 +35,7 @@ STATED = ("J", "R", "L_d", "L_q", "psi_f")
 # Times with a prior that says what is possible; the delay of the drive signal has bounds of its own.
 TIMES = (AGE, EMF, TURNING)
 SURE = 3.0  # standard deviations of the prior
+MOST = 0.5  # of a sum of squares
 READINGS = 3  # of the torque that a design with a delay makes, beside the nuisances
 
 
@@ -90,6 +92,9 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
     fit, held = weighted(found), physical_columns(found.model)
     at = {k: float(found.model.nominal[k]) for k in held}
     beside = holding(fit, at)
+    if _small_at_its_bound(found, fit, at, beside):
+        at[found.model.names.index(LATENESS)] = 0.0
+        beside = holding(fit, at)
     usual, change = (found, fit, beside), np.inf
     for _ in range(READINGS if any(group.delays for group in found.model.groups) else 0):
         before, torque = change, beside.predicted()[0]
@@ -108,6 +113,20 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
     stderr = np.nan_to_num(beside.stderr)
     nuisances = {found.model.names[k]: (float(beside.values[k]), float(stderr[k])) for k in free}
     return Prediction(found.record, beside.predicted(), nuisances, found.notes)
+
+
+def _small_at_its_bound(found: Settled, fit: Solved, at: Mapping[int, float], beside: Solved) -> bool:
+    """Return whether a lateness is held at the end of what sampling can do, and is not most of the error without it.
+
+    What no sampling can do is something that the design lacks, and belongs to the residual. A drive signal that is just
+    as late as sampling can make it is most of the error.
+    """
+    if LATENESS not in found.model.names or not stopped(found.record, found.model):
+        return False
+    without = holding(fit, {**at, found.model.names.index(LATENESS): 0.0})
+    target, used = found.record.target[0], found.record.weight[0] * found.record.mask
+    left, whole = (float(np.sum(((target - one.predicted()[0]) * used) ** 2)) for one in (beside, without))
+    return left > MOST * whole
 
 
 def _about_its_delay(design: Design, found: Settled, values: Array) -> Settled:
