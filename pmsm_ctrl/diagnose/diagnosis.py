@@ -152,7 +152,7 @@ def diagnose(
     case, found = _answer(case, plan, lambda done: advance(share * done))
     found = with_polish(case, found) if polish else found
     if told is None:
-        found = replace(found, selection=found.selection.light())  # the rest of a long log is large
+        found = replace(found, selection=found.selection.light())  # columns are large, and nothing shows them
     found = finished(case, found, holdouts)
     if told is not None:
         found = compared(case, found, told)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from enum import StrEnum
 
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Calibration
@@ -48,10 +49,12 @@ __all__ = [
     "WIDER_BAND",
     "WINDING_IMPOSSIBLE",
     "WINDING_SUBSTITUTE",
+    "Doubt",
     "calibration_text",
     "errors_caption",
     "of_calibration",
     "of_log",
+    "why",
 ]
 
 NOT_EXCITED = Template("not_excited", "{parameters} not excited by this motion")
@@ -112,6 +115,34 @@ MINOR_PART = Template(
     "the first effect explains a minor part of what the residual has above its noise floor: most of it is something "
     "else",
 )
+
+
+class Doubt(StrEnum):
+    """What else may have left a structure of the residual, so that it is an open question."""
+
+    DRIVE_PATH = "drive_path"
+    EDGES = "edges"
+    LITTLE_WEIGHT = "little_weight"
+    SMALL = "small"
+
+
+WHY: Mapping[Doubt | None, str] = {
+    None: "no effect of the catalogue explains it",
+    Doubt.DRIVE_PATH: "a drive signal that is late, averaged or filtered by about a period of the log or of the speed "
+    "loop may have left it as well",
+    Doubt.EDGES: "edges of the torque, which sampling and current loop blur, leave as much elsewhere as around "
+    "reversals",
+    Doubt.LITTLE_WEIGHT: "what is there weighs less than what is left elsewhere, since the torque around reversals is "
+    "hardly known",
+    Doubt.SMALL: "it is less than {percent:.1g} % of the balance, as errors of any model are",
+}
+
+
+def why(doubt: Doubt | None, policy: Policy = POLICY) -> str:
+    """Return what is said of a structure: that no effect explains it, or what else may have left it."""
+    return WHY[doubt].format(percent=100.0 * policy.size)
+
+
 DEPENDENCE = Template(
     "residual_dependence",
     "{percent:.0f} % of the residual of the {balance} balance depends on {coordinate}, up to {peak}{place}; {why}",

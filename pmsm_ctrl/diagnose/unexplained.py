@@ -16,6 +16,7 @@ from pmsm_ctrl.compare.notices import coordinate_words, largest_words
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.measures import judged_gain
+from pmsm_ctrl.diagnose.notices import Doubt
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Structure
@@ -41,15 +42,6 @@ RESEMBLING = (Reason.NOT_CONFIRMED, Reason.MINOR)  # refusals of an effect that 
 FEWEST_SAMPLES = 100  # of a balance that is judged
 FEWEST = 4  # samples whose mean is drawn, and reversals that can repeat each other
 HALF = 0.5  # of the samples around a reversal have to take part
-# Why a structure is an open question, where the log says what else may have left it; and what is said otherwise.
-NO_EFFECT = "no effect of the catalogue explains it"
-PATH = (
-    "a drive signal that is late, averaged or filtered by about a period of the log or of the speed loop may have left "
-    "it as well"
-)
-EDGES = "edges of the torque, which sampling and current loop blur, leave as much elsewhere as around reversals"
-UNKNOWN = "what is there weighs less than what is left elsewhere, since the torque around reversals is hardly known"
-SMALL = "it is less than {percent:.1g} % of the balance, as errors of any model are"
 # What a missing voltage looks like where a parameter of the winding takes it up, and the parameter's unit.
 LIKENESS = {"R": ("a resistance", "Ohm"), "L_d": ("an inductance", "H"), "L_q": ("an inductance", "H")}
 
@@ -82,15 +74,15 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     if found is None:
         return None
     (one, name), record = found, fit.record
-    confirmed = _strongest(beside_path(fit), policy) is not None
+    doubt = Doubt.DRIVE_PATH if _strongest(beside_path(fit), policy) is None else None
     coordinate = coordinate_words(one)
     notice = notices.DEPENDENCE(
         percent=100.0 * one.added, balance=_balance(record, name), coordinate=coordinate,
-        peak=with_prefix(one.peak, record.unit(name)), why=NO_EFFECT if confirmed else PATH,
+        peak=with_prefix(one.peak, record.unit(name)), doubt=doubt, why=notices.why(doubt, policy),
         place="" if one.coordinate == "direction" else f" {largest_words(one)}",
     )  # fmt: skip
     curve = (one.x, one.forward, one.backward)
-    return Structure(coordinate, one.unit, name, one.added, one.p_value, curve, notice, confirmed=confirmed)
+    return Structure(coordinate, one.unit, name, one.added, one.p_value, curve, notice, confirmed=doubt is None)
 
 
 def beside_path(fit: Fitted) -> Fitted:
@@ -177,12 +169,12 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
         curve = _over(record.at_grid(record.signals["alpha"]), record, fit.residual[row])
     channel = record.channels[row]
     gained = not minor and refusal.detail["gain"] > policy.first_block_errors * refusal.detail["stderr"]
-    doubt = _doubt(fit, row, policy) if repeated else ""
+    doubt = _doubt(fit, row, policy) if repeated else None
     notice = notices.RESEMBLANCE(
         balance=_balance(record, channel), place=place, effect=name, percent=100.0 * share, refusal=refusal,
-        why=doubt or NO_EFFECT,
+        doubt=doubt, why=notices.why(doubt, policy),
     )  # fmt: skip
-    confirmed = (repeated and not doubt) or (share > policy.excess and gained)
+    confirmed = (repeated and doubt is None) or (share > policy.excess and gained)
     return Structure(coordinate, unit, channel, share, best.p_value, curve, notice, name, confirmed)
 
 
@@ -266,8 +258,8 @@ def _where_it_enters(fit: Fitted, direction: Array) -> int:
     return int(np.argmax(np.bincount(fit.weights.channel, weights=power, minlength=len(fit.record.channels))))
 
 
-def _doubt(fit: Fitted, row: int, policy: Policy) -> str:
-    """Return what else may have left a course that the residual takes around every reversal; empty where nothing may.
+def _doubt(fit: Fitted, row: int, policy: Policy) -> Doubt | None:
+    """Return what else may have left a course that the residual takes around every reversal; None where nothing may.
 
     A motion that repeats itself repeats every error of the model. Friction is meant only where most of the common
     course is left beside what blurs edges of the torque, and where the residual at edges around reversals is larger
@@ -276,17 +268,17 @@ def _doubt(fit: Fitted, row: int, policy: Policy) -> str:
     record, residual = fit.record, fit.residual[row]
     rest, whole = (values * record.weight[row] * record.mask for values in (residual, record.target[row]))
     if float(rest @ rest) < policy.size**2 * float(whole @ whole):
-        return SMALL.format(percent=100.0 * policy.size)
+        return Doubt.SMALL
     since, weighed = _since_reversal(record)[0], (record.weight[row] * residual)[record.mask] ** 2
     near = _near(record, since)[record.mask]
     if float(np.mean(weighed[near])) < float(np.mean(weighed[~near])):
-        return UNKNOWN
+        return Doubt.LITTLE_WEIGHT
     common, left = (float(np.sum(_alike(one, row))) for one in (fit, beside_path(fit)))
     if left < policy.left_inside * common:
-        return PATH
+        return Doubt.DRIVE_PATH
     edges = _edges(record)
     at_edges, usual = (_around_reversals(record, values, row)[0] for values in (residual * edges, edges))
-    return EDGES if at_edges < policy.around_reversals * usual else ""
+    return Doubt.EDGES if at_edges < policy.around_reversals * usual else None
 
 
 def _edges(record: Record) -> Array:

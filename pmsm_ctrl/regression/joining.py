@@ -275,7 +275,7 @@ def _at_rate(part: _Part, rate: float) -> _Part:
 
 def _in_line(parts: Sequence[_Part], rate: float, motion: str) -> tuple[dict[str, Array], tuple[Span, ...]]:
     """Put records behind one another on one grid, with holes in which the axis can get from one to the next."""
-    step = max(1, int(rate / FAST)) / rate  # thinned grids meet as well
+    step = thinning(rate, sum(len(part.t) for part in parts)) / rate  # thinned grids meet as well
     names = tuple(parts[0].channels)
     columns: dict[str, list[Array]] = {name: [] for name in ("t", *names)}
     spans, end = [], 0.0

@@ -38,10 +38,9 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
     if motor.p is not None and motor.L_d is not None and motor.L_q is not None and "i_d" in signals:
         per_ampere = per_ampere + 1.5 * motor.p * (motor.L_d - motor.L_q) * signals["i_d"]
     signals["i_q"] = torque / per_ampere
-    signals["i_q_whole"] = signals["torque_whole"] / per_ampere
+    signals["i_q_whole"] = signals["i_q"] + _beyond_band(record, "i_q_logged", late)
     if "u_d" in record.channels:
         signals["i_q_wide"] = signals["i_q"] + _beyond_band(record, "i_q_meas", late)
-        signals["i_q_whole"] = signals["i_q"] + _beyond_band(record, "i_q_logged", late)
     add_slopes(signals, record.prepared, record.signals)
     return replace(record, signals=signals, late=late, memo={})
 

@@ -35,7 +35,9 @@ STATED = ("J", "R", "L_d", "L_q", "psi_f")
 # Times with a prior that says what is possible; the delay of the drive signal has bounds of its own.
 TIMES = (AGE, EMF, TURNING)
 SURE = 3.0  # standard deviations of the prior
-MOST = 0.5  # of a sum of squares
+# Share of the sum of squares that a lateness at its bound leaves at most where the drive signal is late: 23 to 28 % in
+# a log that is a period late, 77 % where the design lacks a cogging.
+MOST = 0.5
 READINGS = 3  # of the torque that a design with a delay makes, beside the nuisances
 
 

@@ -13,6 +13,8 @@ from scipy.stats import chi2
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.candidates import Candidate
+from pmsm_ctrl.diagnose.diagnosis import condition
+from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.search import detection_limits, plain_evidence
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
@@ -55,7 +57,7 @@ def test_the_estimates_own_weights_raise_no_more_alarms_than_they_say(designs, s
 def test_amount_that_a_log_shows_is_found_half_the_time(designs, effect: str, symbols: int, seed: int) -> None:
     """White noise and the effect at that amount, 2000 draws: the chi-square test passes in half of them."""
     design = Design.read(designs / "seed_motor.toml")
-    fit = diagnose(design, simulate(design, "identification", seed=seed), candidates=()).selection.fits[0]
+    fit = condition(design, (simulate(design, "identification", seed=seed),), (), {}, POLICY).fit(())
     shape = {"order": 24.0} if effect == "cogging" else {}
     group = effect_group(fit.record, CATALOGUE[effect], shape)
     level = 1e-3

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose import unexplained
+from pmsm_ctrl.diagnose.notices import Doubt, why
 from pmsm_ctrl.diagnose.policy import POLICY
 from tests.benchmarks.worlds.hidden import simulate_world
 from tests.benchmarks.worlds.world import draw
@@ -79,12 +80,12 @@ def _mixed(residual: Array, share: float) -> Array:
 
 def test_a_course_of_reversals_that_stays_beside_the_path_is_no_doubt(path: Any) -> None:
     path(1.0)
-    assert unexplained._doubt(around(), 0, POLICY) == ""  # type: ignore[arg-type]
+    assert unexplained._doubt(around(), 0, POLICY) is None  # type: ignore[arg-type]
 
 
 def test_a_course_that_the_path_of_the_drive_signal_explains_is_in_doubt(path: Any) -> None:
     path(0.0)
-    assert unexplained._doubt(around(), 0, POLICY) == unexplained.PATH  # type: ignore[arg-type]
+    assert unexplained._doubt(around(), 0, POLICY) is Doubt.DRIVE_PATH  # type: ignore[arg-type]
 
 
 def test_a_course_that_edges_elsewhere_leave_as_well_is_in_doubt(path: Any) -> None:
@@ -92,14 +93,15 @@ def test_a_course_that_edges_elsewhere_leave_as_well_is_in_doubt(path: Any) -> N
     fit = around(elsewhere=1.0)
     ratio, _ = unexplained._around_reversals(fit.record, fit.residual[0], 0)
     assert ratio > POLICY.around_reversals
-    assert unexplained._doubt(fit, 0, POLICY) == unexplained.EDGES  # type: ignore[arg-type]
+    assert unexplained._doubt(fit, 0, POLICY) is Doubt.EDGES  # type: ignore[arg-type]
 
 
 def test_a_course_of_less_than_the_smallest_named_contribution_is_in_doubt(path: Any) -> None:
     path(1.0)
     said = unexplained._doubt(around(size=0.9 * POLICY.size / SHARE), 0, POLICY)  # type: ignore[arg-type]
-    assert said.startswith("it is less than 0.4 % of the balance")
-    assert unexplained._doubt(around(size=1.2 * POLICY.size / SHARE), 0, POLICY) == ""  # type: ignore[arg-type]
+    assert said is Doubt.SMALL
+    assert why(said).startswith("it is less than 0.4 % of the balance")
+    assert unexplained._doubt(around(size=1.2 * POLICY.size / SHARE), 0, POLICY) is None  # type: ignore[arg-type]
 
 
 def test_a_course_in_samples_that_hardly_count_is_in_doubt(path: Any) -> None:
@@ -107,7 +109,7 @@ def test_a_course_in_samples_that_hardly_count_is_in_doubt(path: Any) -> None:
     fit = around()
     near = np.abs(np.mod(fit.record.t + 0.5 * HALF_PERIOD, HALF_PERIOD) - 0.5 * HALF_PERIOD) < 0.05
     fit.record.weight[0, near] = 0.01
-    assert unexplained._doubt(fit, 0, POLICY) == unexplained.UNKNOWN  # type: ignore[arg-type]
+    assert unexplained._doubt(fit, 0, POLICY) is Doubt.LITTLE_WEIGHT  # type: ignore[arg-type]
 
 
 def test_where_an_axis_reverses_all_the_time_there_is_no_elsewhere() -> None:
@@ -158,7 +160,7 @@ def test_a_dependence_that_is_gone_beside_the_path_is_an_open_question(
     found = unexplained.dependence(first)  # type: ignore[arg-type]
     assert found is not None
     assert found.confirmed is not explained
-    assert found.notice.text.endswith(unexplained.PATH if explained else unexplained.NO_EFFECT)
+    assert found.notice.text.endswith(why(Doubt.DRIVE_PATH if explained else None))
 
 
 def test_the_mean_of_a_command_over_twenty_periods_is_no_missing_effect() -> None:
@@ -169,4 +171,4 @@ def test_the_mean_of_a_command_over_twenty_periods_is_no_missing_effect() -> Non
     found = diagnose(world.design, simulate_world(world), plan=False)
     assert (found.steps, str(found.verdict)) == ((), "inconclusive")
     assert found.reasons[0].code == "residual_dependence"
-    assert found.reasons[0].detail["why"] == unexplained.PATH
+    assert found.reasons[0].detail["doubt"] is Doubt.DRIVE_PATH

@@ -44,9 +44,13 @@ def speed_steps(design: Design, seed: int) -> Log:
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
-def test_a_saturation_in_peaks_shorter_than_the_band(designs: Path, seed: int) -> None:
+@pytest.mark.parametrize("channels", [("i_q",), ("torque",), ("torque", "i_q")])
+def test_a_saturation_in_peaks_shorter_than_the_band(designs: Path, channels: tuple[str, ...], seed: int) -> None:
     design = Design.read(designs / "seed_motor.toml").add_effect("torque_saturation", {"k_s": 0.1})
-    record = make_record(design, speed_steps(design, seed), Processing(standstill=STANDSTILL, cutoff=BAND))
+    log = speed_steps(design, seed)
+    drive = {"i_q": log["i_q"], "torque": design.K_t_assumed * log["i_q"]}  # as a drive computes it
+    log = Log({"t": log.t, "theta": log["theta"]} | {name: drive[name] for name in channels})
+    record = make_record(design, log, Processing(standstill=STANDSTILL, cutoff=BAND))
     fit = base_fit(design, record)
     for name, true in (("J", design.motor.J), ("F_c", DRY), ("F_v", VISCOUS), ("k_s", SATURATION)):
         value, stderr = fit.value(name)
