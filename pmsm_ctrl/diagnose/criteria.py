@@ -145,7 +145,7 @@ def beside_larger(share: float, largest: float, policy: Policy = POLICY) -> Refu
 
 
 def cross_validation(
-    found: CrossValidation, whole: float, returned: float, first: bool, policy: Policy = POLICY
+    found: CrossValidation, whole: float, returned: float, first: bool, policy: Policy = POLICY, twice: bool = False
 ) -> Refusal | None:
     """Check that the gain is confirmed on blocks that were left out.
 
@@ -159,7 +159,11 @@ def cross_validation(
     first : bool
         Whether this is the first effect.
     policy : Policy
+    twice : bool
+        Whether the mean gain has to exceed zero by twice as many standard errors, whatever the other tests say.
     """
+    if twice and found.gain <= 2.0 * policy.block_errors * found.stderr:
+        return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
     expected = policy.expected_share * float(np.sqrt(max(whole, 0.0)))
     asked = min(max(expected, policy.first_block_errors), policy.block_errors) if first else policy.block_errors
     sure = found.gain > asked * found.stderr or found.p_rank < 0.5 * policy.significance or returned > policy.impossible

@@ -341,7 +341,8 @@ def _judge_trial(
 ) -> Refusal | Evidence:
     """Return what a candidate's columns tell, the cheapest criterion first, beside effects of this size at most.
 
-    One that is a minor part of the residual has to be confirmed as a later effect is.
+    One that is a minor part of the residual has to be confirmed as a later effect is; with a memory, twice as surely:
+    edges that no sample caught are shaped by what a spring or a gap does to them as well.
     """
     refusal = criteria.signs(not trial.singular, not trial.wrong_sign) or criteria.significance(p_holm, policy)
     if refusal is not None:
@@ -353,7 +354,7 @@ def _judge_trial(
         band = in_band(fit, trial)
         told = band > policy.excess and not trial.by_weights
         excess = max(excess, band, excess_of(fit.solved, trial, trial.gain)[1] if told else 0.0)
-    refusal = criteria.size(share, explained, excess, policy, minor_too and not memory)
+    refusal = criteria.size(share, explained, excess, policy, minor_too)
     if refusal is not None and (larger := sized(fit, trial, policy.left_inside)) is not trial:
         share, (explained, excess) = contribution(fit, larger), excess_of(fit.plain, larger, larger.plain_gain)
         refusal = criteria.size(share, explained, excess, policy)
@@ -362,7 +363,8 @@ def _judge_trial(
     if refusal is not None:
         return refusal
     found, whole, returned = cross_validated(fit, trial)
-    refusal = criteria.cross_validation(found, whole, returned, not (fit.accepted or minor_too), policy)
+    first = not (fit.accepted or minor_too)
+    refusal = criteria.cross_validation(found, whole, returned, first, policy, twice=minor_too and memory)
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
         refusal = criteria.beside_rivals(*beside, policy)
     if refusal is None and [row for row, _ in trial.group.entering] == [0]:

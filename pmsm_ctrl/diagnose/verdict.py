@@ -28,14 +28,17 @@ __all__ = ["explains_most", "judged", "open_questions"]
 
 
 def explains_most(fit: Fitted, policy: Policy = POLICY) -> bool:
-    """Whether a model explains most of the torque.
+    """Whether a model explains most of the torque that is not noise, and not much less than is noise.
+
+    A load that no model knows may be taken for noise: where noise is most of the torque, the two cannot be told apart.
 
     Parameters
     ----------
     fit : Fitted
     policy : Policy
     """
-    return level_of(fit, 0).explained >= policy.explained_torque
+    torque = level_of(fit, 0)
+    return torque.explained >= policy.explained_torque * max(torque.explicable, 1.0 - torque.explicable)
 
 
 def judged(
