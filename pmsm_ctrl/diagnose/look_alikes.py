@@ -12,13 +12,16 @@ from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
-from pmsm_ctrl.diagnose.search import Trial, try_group
+from pmsm_ctrl.diagnose.search import Trial, direction_of, try_group
 from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.regression.two_stage import beside_held
 
-__all__ = ["equivalents", "same_order"]
+__all__ = ["equivalents", "nearly_in_model", "same_order"]
 
 Array = NDArray[np.float64]
+
+# The least share of a column that the model has not for it to be compared: a tenth of what it takes to be tried.
+BARELY = 1e-3
 
 
 def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) -> tuple[str, ...]:
@@ -50,12 +53,40 @@ def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) 
     return (*found, *(one for one in effect.look_alikes if one in singular and one not in found))
 
 
-def _alike(ours: Array, theirs: Array, policy: Policy) -> bool:
+def _alike(ours: Array, theirs: Array, policy: Policy, scatter: float = 1.0) -> bool:
     """Whether what another effect explains is nearly the same, or as much and mostly the same."""
     size, gain = float(ours @ ours), float(theirs @ theirs)
     left = size - float(ours @ theirs) ** 2 / max(gain, 1e-300)
-    as_good = gain > size - policy.tie(size)
-    return left < policy.tie(size) or (as_good and left < policy.excess * size)
+    tie = policy.tie(size, scatter)
+    return left < tie or (gain > size - tie and left < policy.excess * size)
+
+
+def nearly_in_model(fit: Fitted, trial: Trial, policy: Policy = POLICY) -> tuple[str, ...]:
+    """Return the look-alikes of an accepted effect that the model nearly has, and that explain as much all the same.
+
+    Where a motion has one speed, any friction that depends on the speed is nearly the dry and the viscous one. One of
+    these curves leaves a little more than the others and is tried; the rest of all of them is the same.
+
+    Parameters
+    ----------
+    fit : Fitted
+        In which the effect was tried.
+    trial : Trial
+        The accepted one.
+    policy : Policy
+    """
+    solved, whitener = trial.judge
+    scatter = max(1.0, float(np.mean(solved.rest[: solved.rows] ** 2)))
+    found = []
+    for other in fit.trials:
+        one = other.candidate
+        if not (other.singular and one.effect.id in trial.candidate.effect.look_alikes and one.free(other.group.shape)):
+            continue
+        groups = (effect_group(fit.record, one.effect, shape) for shape in one.grid)
+        theirs = (direction_of(solved, whitener, beside_held(group, fit.model.responses), BARELY) for group in groups)
+        if _alike(trial.direction, max(theirs, key=lambda part: float(part @ part)), policy, scatter):
+            found.append(one.effect.id)
+    return tuple(found)
 
 
 def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.evidence.blocks import FEWEST_RECORDS, equal_blocks, left_out_gains, record_blocks
-from pmsm_ctrl.evidence.linalg import Added, added_each
+from pmsm_ctrl.evidence.linalg import OWN_SHARE, Added, added_each
 from pmsm_ctrl.evidence.tests import f_tail, noncentrality
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
@@ -31,6 +31,7 @@ __all__ = [
     "beyond_each",
     "blocked_gain",
     "detection_limits",
+    "direction_of",
     "offer",
     "plain_evidence",
     "tried",
@@ -110,12 +111,12 @@ class Trial:
     @property
     def direction(self) -> Array:
         """The part of the residual that only it explains, whitened, shape (rows + priors,); computed at each access."""
-        return _direction(*self.judge, self.group)
+        return direction_of(*self.judge, self.group)
 
     @property
     def plain_direction(self) -> Array:
         """The same by the estimate's own weights."""
-        return _direction(*(self.plain_judge or self.judge), self.group)
+        return direction_of(*(self.plain_judge or self.judge), self.group)
 
     def light(self) -> Trial:
         """Return the trial of an accepted effect without the model that it was judged by: it has no direction then."""
@@ -297,7 +298,9 @@ def beyond(solved: Solved, whitener: Whitener, group: Group) -> tuple[Rows, Adde
     return beyond_each(solved, whitener, [group])[0]
 
 
-def beyond_each(solved: Solved, whitener: Whitener, groups: Sequence[Group]) -> list[tuple[Rows, Added]]:
+def beyond_each(
+    solved: Solved, whitener: Whitener, groups: Sequence[Group], own_share: float = OWN_SHARE
+) -> list[tuple[Rows, Added]]:
     """Return the whitened columns of several groups, and what each of them explains beyond the model.
 
     Parameters
@@ -305,6 +308,8 @@ def beyond_each(solved: Solved, whitener: Whitener, groups: Sequence[Group]) -> 
     solved : Solved
     whitener : Whitener
     groups : sequence of Group
+    own_share : float
+        A direction of which the model leaves less than this share is in the model already.
     """
     ends = np.cumsum([0, *(len(group.symbols) for group in groups)]).tolist()
     parts = [slice(*pair) for pair in itertools.pairwise(ends)]
@@ -325,7 +330,7 @@ def beyond_each(solved: Solved, whitener: Whitener, groups: Sequence[Group]) -> 
         for k in inside:
             own[k][row] = white[end : (end := end + len(grams[k]))]
             grams[k] += own[k][row] @ own[k][row].T
-    found = added_each(grams, shared, along)
+    found = added_each(grams, shared, along, own_share)
     return [(Rows(one, shared[:, part]), new) for one, part, new in zip(own, parts, found, strict=True)]
 
 
@@ -341,8 +346,18 @@ def whitened_rows(solved: Solved, rows: Rows, back: Array) -> list[Array]:
     return [*out, -mixed[solved.parts[-1].stop :].T]
 
 
-def _direction(solved: Solved, whitener: Whitener, group: Group) -> Array:
-    rows, own = beyond(solved, whitener, group)
+def direction_of(solved: Solved, whitener: Whitener, group: Group, own_share: float = OWN_SHARE) -> Array:
+    """Return the part of the residual that only a group explains, whitened, shape (rows + priors,).
+
+    Parameters
+    ----------
+    solved : Solved
+    whitener : Whitener
+    group : Group
+    own_share : float
+        As in `beyond_each`.
+    """
+    rows, own = beyond_each(solved, whitener, [group], own_share)[0]
     if own.rank == 0:
         return np.zeros(len(solved.rest))
     return np.concatenate([own.along @ part for part in whitened_rows(solved, rows, own.back)])

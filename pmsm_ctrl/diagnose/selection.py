@@ -13,7 +13,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.contradictions import contradicting
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
-from pmsm_ctrl.diagnose.look_alikes import equivalents, same_order
+from pmsm_ctrl.diagnose.look_alikes import equivalents, nearly_in_model, same_order
 from pmsm_ctrl.diagnose.measures import (
     beside_rivals,
     contribution,
@@ -228,6 +228,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
             refusal = refusal or unlike_above(case, after)
         if refusal is None:
             alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
+            alike = (*alike, *nearly_in_model(fit, trial, case.policy))
             return Found(Step(trial, judged, tuple(dict.fromkeys(alike))), after, refused)
         refused[name] = refusal
         del after  # a fit of a long log is large: the next one takes its place

@@ -339,7 +339,7 @@ class Added:
         return np.asarray(np.sqrt(np.sum(self.back**2, axis=1)))
 
 
-def added(gram: Array, shared: Array, along: Array) -> Added:
+def added(gram: Array, shared: Array, along: Array, own_share: float = OWN_SHARE) -> Added:
     """Return what columns explain beyond a model.
 
     Parameters
@@ -350,22 +350,26 @@ def added(gram: Array, shared: Array, along: Array) -> Added:
         Products of the model's orthonormal basis with the columns.
     along : array, shape (k,)
         Products of the columns with the model's residual.
+    own_share : float
+        As in `added_each`.
     """
     size = np.sqrt(np.diag(gram))
     size = np.where(size > 0.0, size, 1.0)
     left = (gram - shared.T @ shared) / (size[:, None] * size)
     values, vectors = np.linalg.eigh(left) if len(left) != 1 else (left[0], np.ones((1, 1)))  # most have one
-    return _own(values, vectors, size, along)
+    return _own(values, vectors, size, along, own_share)
 
 
-def _own(values: Array, vectors: Array, size: Array, along: Array) -> Added:
+def _own(values: Array, vectors: Array, size: Array, along: Array, own_share: float) -> Added:
     """Return the directions of columns that are their own, by the eigenvalues and -vectors of what the model leaves."""
-    kept = values > OWN_SHARE**2
+    kept = values > own_share**2
     back = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
     return Added(back, back.T @ along, size)
 
 
-def added_each(grams: Sequence[Array], shared: Array, along: Array) -> list[Added]:
+def added_each(
+    grams: Sequence[Array], shared: Array, along: Array, own_share: float = OWN_SHARE
+) -> list[Added]:  # fmt: skip
     """Return what each of several groups of columns explains beyond a model, none of the others in it.
 
     Parameters
@@ -376,9 +380,11 @@ def added_each(grams: Sequence[Array], shared: Array, along: Array) -> list[Adde
         Products of the model's orthonormal basis with the columns of all groups, one group after the other.
     along : array, shape (columns,)
         Products of the columns with the model's residual.
+    own_share : float
+        A direction of which the model leaves less than this share is in the model already.
     """
     if len(grams) == 1:
-        return [added(grams[0], shared, along)]
+        return [added(grams[0], shared, along, own_share)]
     counts = np.array([len(gram) for gram in grams], dtype=np.int64)
     starts = np.cumsum(counts) - counts
     out: dict[int, Added] = {}
@@ -391,5 +397,5 @@ def added_each(grams: Sequence[Array], shared: Array, along: Array) -> list[Adde
         left = (gram - np.einsum("rgi,rgj->gij", beside, beside)) / (size[:, :, None] * size[:, None, :])
         values, vectors = np.linalg.eigh(left) if k != 1 else (left[:, 0], np.ones_like(left))  # most have one
         for i, size_i, values_i, vectors_i, right_i in zip(places.tolist(), size, values, vectors, right, strict=True):
-            out[i] = _own(values_i, vectors_i, size_i, right_i)
+            out[i] = _own(values_i, vectors_i, size_i, right_i, own_share)
     return [out[i] for i in range(len(grams))]
