@@ -56,6 +56,7 @@ from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
+from pmsm_ctrl.regression.encoder_lines import LINES
 from pmsm_ctrl.regression.fast_orders import WIDEST, beyond_band, orders_beyond
 from pmsm_ctrl.regression.joining import name_of as name_of_log
 from pmsm_ctrl.regression.made import Made, for_design
@@ -245,6 +246,7 @@ def in_wider_band(case: Case) -> Case | None:
 
     What the usual band holds of them, where the axis starts and stops, looks like friction. The log is conditioned with
     the largest of them in the model: without it most of the acceleration is an error of the model, and no inertia is.
+    One that is the number of an encoder's lines may be their error, which is then in the model in its place.
 
     Parameters
     ----------
@@ -258,7 +260,9 @@ def in_wider_band(case: Case) -> Case | None:
     usual = {one.symbol: one.start for one in wave.parameters}
     shown = case.design.add_effect(wave.id, usual | {wave.order: float(beyond.orders[0])})
     try:
-        other = case.in_band(band=beyond.band, shown=shown)
+        other = case.in_band(band=beyond.band) if beyond.orders[0] in LINES else None
+        if other is None or beyond.orders[0] not in other.record.lines:
+            other = case.in_band(band=beyond.band, shown=shown)
     except LogError:
         return None
     kept = [one for one in case.remarks if one is not beyond.notice]
