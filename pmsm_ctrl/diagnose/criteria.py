@@ -176,7 +176,8 @@ def cross_validation(
 def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
     """Check that an effect is significant and confirmed beside its rivals, and that enough of it is left.
 
-    Rivals that explain a gap leave a little to it, always: neither of them is exact.
+    Rivals that explain a gap leave a little to it, always: neither of them is exact. The less is left, the surer it has
+    to be.
 
     Parameters
     ----------
@@ -188,8 +189,9 @@ def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: 
         Beside them.
     policy : Policy
     """
-    confirmed = found.gain > policy.rival_errors * found.stderr
-    if p_value <= policy.significance and share > policy.excess and confirmed:
+    enough = share > policy.excess and found.gain > policy.rival_errors * found.stderr
+    surely = share > policy.refused_share and found.gain > policy.block_errors * found.stderr
+    if p_value <= policy.significance and (enough or surely):
         return None
     explained = 100.0 * min(max(1.0 - share, 0.0), 1.0)
     return Refusal(Reason.EXPLAINED_BY_RIVALS, {"percent": explained, "gain": found.gain, "stderr": found.stderr})

@@ -75,15 +75,15 @@ def nearly_in_model(fit: Fitted, trial: Trial, policy: Policy = POLICY) -> tuple
         The accepted one.
     policy : Policy
     """
-    solved, whitener = trial.judge
-    scatter = max(1.0, float(np.mean(solved.rest[: solved.rows] ** 2)))
-    found = []
+    known, found = trial.candidate.effect.look_alikes, []
     for other in fit.trials:
         one = other.candidate
-        if not (other.singular and one.effect.id in trial.candidate.effect.look_alikes and one.free(other.group.shape)):
-            continue
+        if not (other.singular and one.effect.id in known and one.free(other.group.shape)):
+            continue  # one that is not free `equivalents` has
+        solved, whitener = trial.judge
         groups = (effect_group(fit.record, one.effect, shape) for shape in one.grid)
         theirs = (direction_of(solved, whitener, beside_held(group, fit.model.responses), BARELY) for group in groups)
+        scatter = max(1.0, float(np.mean(solved.rest[: solved.rows] ** 2)))
         if _alike(trial.direction, max(theirs, key=lambda part: float(part @ part)), policy, scatter):
             found.append(one.effect.id)
     return tuple(found)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.evidence.blocks import FEWEST_RECORDS, equal_blocks, left_out_gains, record_blocks
 from pmsm_ctrl.evidence.linalg import OWN_SHARE, Added, added_each
-from pmsm_ctrl.evidence.tests import f_tail, noncentrality
+from pmsm_ctrl.evidence.tests import f_tail
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group, candidate_groups, groups_of_candidates
@@ -25,12 +25,10 @@ __all__ = [
     "Offer",
     "Rows",
     "Trial",
-    "amounts_that_gain",
     "as_judged",
     "beyond",
     "beyond_each",
     "blocked_gain",
-    "detection_limits",
     "direction_of",
     "offer",
     "plain_evidence",
@@ -361,65 +359,6 @@ def direction_of(solved: Solved, whitener: Whitener, group: Group, own_share: fl
     if own.rank == 0:
         return np.zeros(len(solved.rest))
     return np.concatenate([own.along @ part for part in whitened_rows(solved, rows, own.back)])
-
-
-def detection_limits(
-    solved: Solved, whitener: Whitener, group: Group, level: float, along: Array | None = None
-) -> Array:
-    """Return the amounts that a test which knows shape and noise detects in half of all logs.
-
-    Parameters
-    ----------
-    solved : Solved
-    whitener : Whitener
-    group : Group
-    level : float
-        Significance level of the test.
-    along : array, shape (k,), optional
-        Proportion of the parameters; each alone when left out.
-
-    Returns
-    -------
-    array, shape (k,), or (1,) with `along`
-        In the units of the parameters, or of `along`; infinite where the model has the columns already.
-        Source: Cramer and Rao's bound in the power of the chi-square test, S. M. Kay, Fundamentals of Statistical
-        Signal Processing II, Prentice Hall 1998, sec. 6.5.
-    """
-    rank, seen = _seen(solved, whitener, group, along)
-    amounts: Array = (
-        np.sqrt(noncentrality(level, rank)) / np.maximum(seen, 1e-300) if rank else np.full(len(seen), np.inf)
-    )
-    return amounts
-
-
-def amounts_that_gain(solved: Solved, whitener: Whitener, group: Group, gain: float) -> Array:
-    """Return the amount of each parameter, alone, that raises the sum of squares by this gain.
-
-    Parameters
-    ----------
-    solved : Solved
-    whitener : Whitener
-    group : Group
-    gain : float
-        In units of the noise.
-
-    Returns
-    -------
-    array, shape (k,)
-    """
-    rank, seen = _seen(solved, whitener, group)
-    amounts: Array = np.sqrt(gain) / np.maximum(seen, 1e-300) if rank else np.full(len(seen), np.inf)
-    return amounts
-
-
-def _seen(solved: Solved, whitener: Whitener, group: Group, along: Array | None = None) -> tuple[int, Array]:
-    """Return the rank of a group beside the model, and the residual by one unit of it, in units of the noise."""
-    _, own = beyond(solved, whitener, group)
-    parts = np.eye(len(own.size)) if along is None else np.asarray(along, dtype=float)[:, None]
-    if own.rank == 0:
-        return 0, np.zeros(parts.shape[1])
-    seen: Array = np.linalg.norm(np.linalg.pinv(own.back * own.size[:, None]) @ (own.size[:, None] * parts), axis=0)
-    return own.rank, seen
 
 
 def plain_evidence(

@@ -20,7 +20,7 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import POLICY, diagnose
-from pmsm_ctrl.diagnose.search import detection_limits
+from pmsm_ctrl.diagnose.limits import detection_limits
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.regression.columns import effect_group

@@ -119,7 +119,7 @@ MUTATIONS = (
     Mutation("held-out record: a larger error passes", "diagnose/criteria.py",
              "sum(ratios) >= len(before) or", "sum(ratios) < len(before) or", "unit/diagnose/test_criteria.py"),
     Mutation("ties: everything is equivalent", "diagnose/look_alikes.py",
-             "return left < policy.tie(size)", "return left > policy.tie(size)", "unit/diagnose/test_selection.py"),
+             "return left < tie or", "return left > tie or", "unit/diagnose/test_selection.py"),
     Mutation("ripple of the current: a drive in place of a drag", "regression/reluctance.py",
              "largest = -torque_em", "largest = torque_em", "unit/regression/test_reluctance.py"),
     Mutation("shapes: a size that is not determined passes", "diagnose/criteria.py",

@@ -92,7 +92,8 @@ def test_cross_validation_asks_for_so_many_standard_errors() -> None:
     ("p_value", "share", "gain", "passes"),
     [
         (0.009, 0.9, 1.1, True), (0.011, 0.9, 9.0, False), (1e-9, 0.9, 0.9, False), (1e-9, 0.9, -3.0, False),
-        (1e-9, 0.21, 9.0, True), (1e-9, 0.19, 9.0, False), (1e-90, 0.1, 90.0, False),
+        (1e-9, 0.21, 1.1, True), (1e-9, 0.19, 2.7, False), (1e-90, 0.1, 90.0, False),
+        (1e-9, 0.19, 2.9, True), (1e-9, 0.11, 9.0, True), (0.011, 0.19, 9.0, False),  # less is left, and more surely
     ],
 )  # fmt: skip
 def test_enough_of_an_effect_must_be_left_beside_its_rivals(
@@ -125,6 +126,15 @@ def test_a_small_first_effect_needs_three_quarters_of_what_it_leads_to_expect(wh
     assert not confirmed(asked - 0.01, whole)
     assert confirmed(2.81, whole, first=False)
     assert not confirmed(2.79, whole, first=False)
+
+
+def test_a_minor_effect_with_a_memory_is_confirmed_twice_as_surely() -> None:
+    def minor(errors: float, p_rank: float = 0.001) -> Refusal | None:
+        found = CrossValidation(errors, 1.0, 16, p_rank, 9.0)
+        return criteria.cross_validation(found, 1e4, 300.0, False, twice=True)
+
+    assert minor(5.61) is None
+    assert reason(minor(5.59)) is Reason.NOT_CONFIRMED, "whatever ranks, limited gains and the winding say"
 
 
 def test_cross_validation_by_ranks_and_by_the_winding() -> None:

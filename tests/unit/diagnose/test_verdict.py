@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.level import Level, level_of
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Deviation
-from pmsm_ctrl.diagnose.verdict import judged
+from pmsm_ctrl.diagnose.verdict import explains_most, judged
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.drive_timing import DriveTiming
@@ -209,6 +209,21 @@ def test_a_large_effect_that_was_refused_leaves_the_question_open(gain: float, r
     group = SimpleNamespace(shape={}, entering=[(0, None)])  # its share is that of the residual of its balances
     fit.trials = [SimpleNamespace(gain=gain, p_value=1e-9, candidate=candidate, group=group)]
     assert verdict_of(fit, refused={"cogging": Refusal(reason, {"p": 0.5})}) == expected
+
+
+@pytest.mark.parametrize(
+    ("explained", "noise", "most"),
+    [
+        (0.51, 0.0, True), (0.49, 0.0, False),
+        (0.41, 0.2, True), (0.39, 0.2, False),  # half of what is not noise
+        (0.26, 0.5, True), (0.24, 0.5, False), (0.2, 0.8, False),  # noise that may as well be a load
+    ],
+)  # fmt: skip
+def test_a_model_explains_most_of_what_is_no_noise_and_half_as_much_as_is(
+    explained: float, noise: float, most: bool
+) -> None:
+    size = noise**-0.5 if noise else 1e6
+    assert explains_most(fit_of(measured=size, left=size * (1.0 - explained) ** 0.5)) is most
 
 
 # of 3 the load makes more than half of what is above the noise floor at the wave's frequencies: it is minor beside that
