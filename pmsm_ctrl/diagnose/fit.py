@@ -21,6 +21,7 @@ from pmsm_ctrl.diagnose.search import (
     plain_evidence,
     tried,
     try_all,
+    try_candidate,
     try_group,
 )
 from pmsm_ctrl.effects.base import Effect
@@ -51,6 +52,7 @@ Array = NDArray[np.float64]
 
 BASE = -1
 MOST_REFINED = 6  # candidates of a round
+NOT_MUCH_WORSE = 0.5  # share of a gain: a grid through a sharp valley may miss as much
 AT_ONCE = 2e6  # bytes of whitened columns that are judged at once, of one column each
 # Share of the gain within which two candidates explain the same; the simpler one then comes first.
 PARSIMONY = 0.98
@@ -379,9 +381,24 @@ def in_order(trials: list[Trial]) -> list[Trial]:
 
 
 def _refined(fit: Estimated, trials: list[Trial]) -> list[Trial]:
-    """Refine the shapes of the few that matter."""
+    """Refine the shapes of the few that matter; where an effect has shapes of two kinds, the best of either."""
     best = sorted((t for t in trials if not t.wrong_sign), key=lambda t: -t.score)[:MOST_REFINED]
-    return [
-        refine(fit.record, fit.plain, fit.weights, t, seen_as_candidate) if t in best and t.score > 0.0 else t
-        for t in trials
-    ]
+    out = []
+    for trial in trials:
+        if trial in best and trial.score > 0.0:
+            refined = [
+                refine(fit.record, fit.plain, fit.weights, one, seen_as_candidate) for one in _of_each_kind(fit, trial)
+            ]
+            trial = max(refined, key=lambda one: one.score)
+        out.append(trial)
+    return out
+
+
+def _of_each_kind(fit: Estimated, trial: Trial) -> list[Trial]:
+    """Return the trial, and the best of the shapes of another kind where that is not much worse."""
+    kind = trial.group.shape.keys()
+    others = tuple(shape for shape in trial.candidate.grid if shape.keys() != kind)
+    other = try_candidate(fit.record, fit.plain, fit.weights, replace(trial.candidate, grid=others)) if others else None
+    if other is None or other.wrong_sign or other.score < NOT_MUCH_WORSE * trial.score:
+        return [trial]
+    return [trial, replace(other, candidate=trial.candidate)]

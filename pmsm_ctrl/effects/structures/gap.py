@@ -17,6 +17,7 @@ from pmsm_ctrl.effects.structures.transmission import (
     Transmission,
     beyond_noise,
     mean_acceleration,
+    since_known,
 )
 
 if TYPE_CHECKING:
@@ -136,7 +137,7 @@ class Gap(Transmission):
             lanes = np.flatnonzero(steps == substeps)
             own = (np.ascontiguousarray(values[symbol][lanes]) for symbol in symbols)
             loop(out, lanes, s["theta"], s["omega"], balances.period, substeps, *own)
-        return (row - s["alpha"] for row in out)
+        return (since_known(balances, row - s["alpha"], shape, LONGEST) for row, shape in zip(out, shapes, strict=True))
 
 
 def _gaps(balances: Balances) -> Array:

@@ -20,6 +20,7 @@ from pmsm_ctrl.effects.structures.transmission import (
     Transmission,
     beyond_noise,
     mean_acceleration,
+    since_known,
 )
 
 if TYPE_CHECKING:
@@ -82,14 +83,14 @@ class Spring(Transmission):
         from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
         if RUBBING in shape:
-            return [{"torque": rubbing_column(balances, shape)}]
+            return [{"torque": since_known(balances, rubbing_column(balances, shape), shape)}]
         alpha, period = balances.signals["alpha"], balances.period
         w, zeta = shape[FREQUENCY], shape[DAMPING]
         count = len(alpha)
         length = next_fast_len(count + min(count, int(SWUNG_OUT / (zeta * w * period))), real=True)
         s = 2j * np.pi / w * rfftfreq(length, period)
         follow = -(s**2) / (s**2 + 2.0 * zeta * s + 1.0)
-        return [{"torque": np.asarray(irfft(rfft(alpha, length) * follow, length)[:count])}]
+        return [{"torque": since_known(balances, irfft(rfft(alpha, length) * follow, length)[:count], shape)}]
 
     def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
         """Return the load's own frequency and damping, and the deceleration by its friction where it has any."""

@@ -24,7 +24,9 @@ from pmsm_ctrl.errors import DesignError
 if TYPE_CHECKING:
     from pmsm_ctrl.effects.base import Effect
 
-__all__ = ["DAMPING", "FREQUENCY", "LEAST_DAMPED", "Transmission", "beyond_noise", "mean_acceleration"]
+__all__ = [
+    "DAMPING", "FREQUENCY", "LEAST_DAMPED", "Transmission", "beyond_noise", "mean_acceleration", "since_known",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -35,6 +37,9 @@ LEAST_DAMPED = 1e-3
 ROUNDING = 1e-6  # of a friction that a fit holds at its bound, and a design file states with few digits
 ABOVE_NOISE = 4.0
 LEAST_LOAD = 0.02  # share of the inertia that is worth the name of a load, and that the rotor has in any case
+# Time constants of its swings after which 2 % of what a load did before the log is left; the share of a log that these
+# may take, a block of cross-validation; and the speed up to which an axis rests, as a share of the top speed.
+SETTLED, AT_MOST, RESTS = 4.0, 1.0 / 16.0, 0.01
 # Amplitude of a wave of a turn, in the torque's rms, of which nothing is known.
 UNBOUNDED = 1e3
 
@@ -255,3 +260,32 @@ def mean_acceleration(balances: Balances) -> float:
     balances : Balances
     """
     return float(np.sqrt(np.mean(balances.acceleration()[balances.mask] ** 2)))
+
+
+def since_known(balances: Balances, column: Array, shape: Mapping[str, float], beside: float = 0.0) -> Array:
+    """Return the acceleration of a load less the rotor's, 0 as long as it hangs on how the load moved before the log.
+
+    Nothing hangs on it where the axis rests at first. Else the swings of a load that nobody saw start are an error of
+    the model that no parameter mends: as a rigid one it has no larger error there than without the effect.
+
+    Parameters
+    ----------
+    balances : Balances
+    column : array, shape (n,)
+    shape : mapping
+        With the load's own frequency and its damping.
+    beside : float
+        Time before it swings at all, s.
+
+    Returns
+    -------
+    array, shape (n,)
+    """
+    speed, period = np.abs(balances.signals["omega"]), balances.period
+    first = speed[: max(1, round(2.0 / balances.cutoff / period))]
+    if float(first.max()) < RESTS * float(speed.max()):
+        return column
+    unknown = min(SETTLED / (shape[DAMPING] * shape[FREQUENCY]) + beside, AT_MOST * len(column) * period)
+    out = column.copy()
+    out[: round(unknown / period)] = 0.0
+    return out

@@ -92,7 +92,8 @@ def test_a_load_on_its_spring_is_followed_exactly(hz: float) -> None:
     expected = lfilter(load.num, load.den, motion(many))[::fine]
     effect = CATALOGUE["compliance"]
     shape = effect.structure.shape(effect, {"J_load": 1.0, "k": w * w, "d": 2.0 * zeta * w})
-    log = SimpleNamespace(signals={"alpha": motion(t)}, period=period)
+    alpha = motion(t)
+    log = SimpleNamespace(signals={"alpha": alpha, "omega": period * np.cumsum(alpha)}, period=period, cutoff=60.0)
     (column,) = effect.structure.columns(log, effect, shape)  # type: ignore[arg-type]
     assert column["torque"] == pytest.approx(expected, abs=2e-4 * np.max(np.abs(expected)))
 
