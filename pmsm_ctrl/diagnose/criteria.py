@@ -173,7 +173,9 @@ def cross_validation(
     return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
 
 
-def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
+def beside_rivals(
+    p_value: float, share: float, found: CrossValidation, policy: Policy = POLICY, surely: bool = False
+) -> Refusal | None:
     """Check that an effect is significant and confirmed beside its rivals, and that enough of it is left.
 
     Rivals that explain a gap leave a little to it, always: neither of them is exact. The less is left, the surer it has
@@ -188,10 +190,12 @@ def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: 
     found : CrossValidation
         Beside them.
     policy : Policy
+    surely : bool
+        Whether it has to be as sure as where little is left.
     """
-    enough = share > policy.excess and found.gain > policy.rival_errors * found.stderr
-    surely = share > policy.refused_share and found.gain > policy.block_errors * found.stderr
-    if p_value <= policy.significance and (enough or surely):
+    sure = share > policy.refused_share and found.gain > policy.block_errors * found.stderr
+    enough = share > policy.excess and found.gain > policy.rival_errors * found.stderr and not surely
+    if p_value <= policy.significance and (sure or enough):
         return None
     explained = 100.0 * min(max(1.0 - share, 0.0), 1.0)
     return Refusal(Reason.EXPLAINED_BY_RIVALS, {"percent": explained, "gain": found.gain, "stderr": found.stderr})

@@ -26,8 +26,9 @@ class Policy:
         Family-wise p-value of the F-test after Holm's correction. A convention. Set on: clean.
     block_errors : float
         The mean cross-validation gain must exceed zero by this many standard errors; that of a minor effect with a
-        memory by twice as many. In 2,258 clean worlds minor gaps and presliding that pass all else reach 4.7, of seven
-        that are there five have 6.1 to 17. Set on: clean (docs/diagnosis.md); worlds.
+        memory by twice as many, and by as many beside its rivals. In 2,258 clean worlds minor gaps and presliding that
+        pass all else reach 4.7, of seven that are there five have 6.1 to 17; a false one of 6.8 has 1.7 beside rivals.
+        Set on: clean (docs/diagnosis.md); worlds.
     first_block_errors, expected_share : float
         The same for the first effect, which may be small. Its mean gain over its standard error must exceed
         `expected_share` times the root of its whole gain, and `first_block_errors` at least. Gains that are spread

@@ -364,10 +364,10 @@ def _judge_trial(
     if refusal is not None:
         return refusal
     found, whole, returned = cross_validated(fit, trial)
-    first = not (fit.accepted or minor_too)
-    refusal = criteria.cross_validation(found, whole, returned, first, policy, twice=minor_too and memory)
+    first, surely = not (fit.accepted or minor_too), minor_too and memory
+    refusal = criteria.cross_validation(found, whole, returned, first, policy, twice=surely)
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
-        refusal = criteria.beside_rivals(*beside, policy)
+        refusal = criteria.beside_rivals(*beside, policy, surely)
     if refusal is None and [row for row, _ in trial.group.entering] == [0]:
         refusal = criteria.beside_ripple(judged_gain(fit, trial)[1], ripple_gain(fit, trial), policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found)

@@ -220,3 +220,27 @@ def test_the_error_of_fast_encoder_lines_is_no_cogging_of_their_order() -> None:
     }  # fmt: skip
     (step,) = diagnose(world.design, simulate_world(world, hidden), plan=False).steps
     assert step.effect == "compliance"  # margin 5.5
+
+
+def test_swings_from_before_the_log_do_not_hide_a_spring() -> None:
+    """The axis moves from the first sample on: a load that was said to rest there made the start worse."""
+    world = draw(1501058)  # margin 4.3
+    hidden = {"load_inertia": 10.882512467067787, "stiffness": 757321.3269795069, "damping": 172.24869119024063}
+    found = diagnose(world.design, simulate_world(world, hidden), plan=False)
+    (step,) = found.steps
+    assert step.effect == "compliance"
+    assert step.parameters["J_load"].value == pytest.approx(10.88, rel=0.2)
+    assert found.errors["final"]["torque"]["relative"] < 0.5 * found.errors["base"]["torque"]["relative"]
+
+
+@pytest.mark.slow
+def test_a_load_that_rubs_is_refined_beside_one_that_does_not() -> None:
+    """Its grid crosses a sharp valley: the best load without friction explained more than any point of the grid."""
+    world = draw(1500691)  # margin 4.3
+    hidden = {
+        "load_inertia": 4.377709180682608e-05, "stiffness": 2.531627878478621, "damping": 0.0006316472922484226,
+        "load_dry": 0.011818179404469374,
+    }  # fmt: skip
+    (step,) = diagnose(world.design, simulate_world(world, hidden), plan=False).steps
+    assert step.effect == "compliance"
+    assert step.parameters["F_load"].value == pytest.approx(0.0118, rel=0.3)

@@ -103,6 +103,14 @@ def test_enough_of_an_effect_must_be_left_beside_its_rivals(
     assert reason(refusal) is (None if passes else Reason.EXPLAINED_BY_RIVALS)
 
 
+def test_what_is_left_of_a_minor_effect_beside_its_rivals_must_be_sure() -> None:
+    def minor(errors: float) -> Refusal | None:
+        return criteria.beside_rivals(1e-9, 0.9, CrossValidation(errors, 1.0, 16, 0.001), surely=True)
+
+    assert minor(2.81) is None
+    assert reason(minor(2.79)) is Reason.EXPLAINED_BY_RIVALS
+
+
 def test_an_effect_must_explain_more_than_a_ripple_of_the_current() -> None:
     assert criteria.beside_ripple(1000.0, 989.0) is None
     refusal = criteria.beside_ripple(1000.0, 991.0)
