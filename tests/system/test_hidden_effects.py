@@ -421,7 +421,7 @@ def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called impossible
     policy = replace(POLICY, impossible=np.inf, excess=0.03, small_size=1e-4)
     refused = Refusal(Reason.NOT_CONFIRMED, {"gain": gain, "stderr": 1.0})
-    monkeypatch.setattr("pmsm_ctrl.diagnose.criteria.cross_validation", lambda *args: refused)
+    monkeypatch.setattr("pmsm_ctrl.diagnose.criteria.cross_validation", lambda *args, **given: refused)
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80), policy)
     assert result.verdict == verdict
     assert (result.structure.resembles, result.structure.channel) == ("dead_time", "u_q")

@@ -222,8 +222,8 @@ def test_the_error_of_fast_encoder_lines_is_no_cogging_of_their_order() -> None:
     assert step.effect == "compliance"  # margin 5.5
 
 
-def test_swings_from_before_the_log_do_not_hide_a_spring() -> None:
-    """The axis moves from the first sample on: a load that was said to rest there made the start worse."""
+def test_a_hard_start_of_the_log_does_not_hide_a_spring() -> None:
+    """The log begins with its hardest edge, which filters falsify: with a spring the start was worse."""
     world = draw(1501058)  # margin 4.3
     hidden = {"load_inertia": 10.882512467067787, "stiffness": 757321.3269795069, "damping": 172.24869119024063}
     found = diagnose(world.design, simulate_world(world, hidden), plan=False)

@@ -15,9 +15,9 @@ from pmsm_ctrl.effects.structures.transmission import (
     DAMPING,
     FREQUENCY,
     Transmission,
+    after_hard_start,
     beyond_noise,
     mean_acceleration,
-    since_known,
 )
 
 if TYPE_CHECKING:
@@ -137,7 +137,9 @@ class Gap(Transmission):
             lanes = np.flatnonzero(steps == substeps)
             own = (np.ascontiguousarray(values[symbol][lanes]) for symbol in symbols)
             loop(out, lanes, s["theta"], s["omega"], balances.period, substeps, *own)
-        return (since_known(balances, row - s["alpha"], shape, LONGEST) for row, shape in zip(out, shapes, strict=True))
+        return (
+            after_hard_start(balances, row - s["alpha"], shape, LONGEST) for row, shape in zip(out, shapes, strict=True)
+        )
 
 
 def _gaps(balances: Balances) -> Array:

@@ -18,9 +18,9 @@ from pmsm_ctrl.effects.structures.transmission import (
     LEAST_LOAD,
     UNBOUNDED,
     Transmission,
+    after_hard_start,
     beyond_noise,
     mean_acceleration,
-    since_known,
 )
 
 if TYPE_CHECKING:
@@ -83,14 +83,14 @@ class Spring(Transmission):
         from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
         if RUBBING in shape:
-            return [{"torque": since_known(balances, rubbing_column(balances, shape), shape)}]
+            return [{"torque": after_hard_start(balances, rubbing_column(balances, shape), shape)}]
         alpha, period = balances.signals["alpha"], balances.period
         w, zeta = shape[FREQUENCY], shape[DAMPING]
         count = len(alpha)
         length = next_fast_len(count + min(count, int(SWUNG_OUT / (zeta * w * period))), real=True)
         s = 2j * np.pi / w * rfftfreq(length, period)
         follow = -(s**2) / (s**2 + 2.0 * zeta * s + 1.0)
-        return [{"torque": since_known(balances, irfft(rfft(alpha, length) * follow, length)[:count], shape)}]
+        return [{"torque": after_hard_start(balances, irfft(rfft(alpha, length) * follow, length)[:count], shape)}]
 
     def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
         """Return the load's own frequency and damping, and the deceleration by its friction where it has any."""

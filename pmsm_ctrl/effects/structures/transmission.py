@@ -25,7 +25,13 @@ if TYPE_CHECKING:
     from pmsm_ctrl.effects.base import Effect
 
 __all__ = [
-    "DAMPING", "FREQUENCY", "LEAST_DAMPED", "Transmission", "beyond_noise", "mean_acceleration", "since_known",
+    "DAMPING",
+    "FREQUENCY",
+    "LEAST_DAMPED",
+    "Transmission",
+    "after_hard_start",
+    "beyond_noise",
+    "mean_acceleration",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -38,8 +44,8 @@ ROUNDING = 1e-6  # of a friction that a fit holds at its bound, and a design fil
 ABOVE_NOISE = 4.0
 LEAST_LOAD = 0.02  # share of the inertia that is worth the name of a load, and that the rotor has in any case
 # Time constants of its swings after which 2 % of what a load did before the log is left; the share of a log that these
-# may take, a block of cross-validation; and the speed up to which an axis rests, as a share of the top speed.
-SETTLED, AT_MOST, RESTS = 4.0, 1.0 / 16.0, 0.01
+# may take, a block of cross-validation; and the acceleration of a hard start, in its rms over the log.
+SETTLED, AT_MOST, HARD = 4.0, 1.0 / 16.0, 3.0
 # Amplitude of a wave of a turn, in the torque's rms, of which nothing is known.
 UNBOUNDED = 1e3
 
@@ -262,11 +268,12 @@ def mean_acceleration(balances: Balances) -> float:
     return float(np.sqrt(np.mean(balances.acceleration()[balances.mask] ** 2)))
 
 
-def since_known(balances: Balances, column: Array, shape: Mapping[str, float], beside: float = 0.0) -> Array:
-    """Return the acceleration of a load less the rotor's, 0 as long as it hangs on how the load moved before the log.
+def after_hard_start(balances: Balances, column: Array, shape: Mapping[str, float], beside: float = 0.0) -> Array:
+    """Return the acceleration of a load less that of the rotor, 0 while it swings from a hard start of the log.
 
-    Nothing hangs on it where the axis rests at first. Else the swings of a load that nobody saw start are an error of
-    the model that no parameter mends: as a rigid one it has no larger error there than without the effect.
+    What came before that sample is not known, and a filter needs both sides. Where nothing later in the log is as hard,
+    an error of a twentieth there is larger than all that the load does else, and no parameter mends it. As a rigid axis
+    the model has no larger error there than without the effect.
 
     Parameters
     ----------
@@ -281,11 +288,11 @@ def since_known(balances: Balances, column: Array, shape: Mapping[str, float], b
     -------
     array, shape (n,)
     """
-    speed, period = np.abs(balances.signals["omega"]), balances.period
-    first = speed[: max(1, round(2.0 / balances.cutoff / period))]
-    if float(first.max()) < RESTS * float(speed.max()):
+    size, period = np.abs(balances.signals["alpha"]), balances.period
+    first = size[: max(1, round(2.0 / balances.cutoff / period))]
+    if float(first.max()) < HARD * float(np.sqrt(np.mean(size**2))):
         return column
-    unknown = min(SETTLED / (shape[DAMPING] * shape[FREQUENCY]) + beside, AT_MOST * len(column) * period)
+    swings = min(SETTLED / (shape[DAMPING] * shape[FREQUENCY]) + beside, AT_MOST * len(column) * period)
     out = column.copy()
-    out[: round(unknown / period)] = 0.0
+    out[: round(swings / period)] = 0.0
     return out
