@@ -285,6 +285,8 @@ def tangent_of(design: Design, fit: Fitted, free: Sequence[Free]) -> Solved:
     slopes = []
     for unit, (k, name) in zip(np.diag(DIFFERENCE * straight_over(fit.accepted, free)), free, strict=True):
         ahead, back = (shifted(fit.accepted, free, sign * unit) for sign in (1.0, -1.0))
+        if not back[k].shape[name] > 0.0:  # a walk along a profile that has no end
+            raise UnavailableError("a shape that vanished")
         width = float(np.log(ahead[k].shape[name] / back[k].shape[name]))  # half of it at a bound
         slopes.append((_change(design, fit, ahead) - _change(design, fit, back)) / max(width, 1e-300))
         if not np.any(slopes[-1]):
