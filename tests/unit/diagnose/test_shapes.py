@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add
+from pmsm_ctrl.diagnose.fit import Accepted
+from pmsm_ctrl.diagnose.shapes import tangent_of
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.columns import UnavailableError
 from tests.effort import seeds
 
 J, F_C, F_V, DF, W_S, DELTA = 1e-3, 0.2, 0.002, 0.1, 4.0, 1.6
@@ -56,6 +62,14 @@ def test_friction_that_rises_from_standstill_is_no_stribeck_friction() -> None:
     turned = Log({"t": log.t, "theta": log["theta"], "torque": rising})
     assert add(design, turned, "stribeck").parameters("stribeck")["dF_s"] == pytest.approx(0.0, abs=1e-3)
     assert add(design, turned, "rising_friction").parameters("rising_friction")["dF_r"] == pytest.approx(DF, rel=0.25)
+
+
+def test_a_shape_that_vanished_has_no_slope() -> None:
+    """A walk along the profile of a hidden presliding took its time constant to zero, which has no logarithm."""
+    gone = Accepted(CATALOGUE["presliding"], {"z_s": 0.0476, "z_b": 0.0407, "tau_z": 0.0}, ())
+    fit: Any = SimpleNamespace(accepted=(gone,))
+    with pytest.raises(UnavailableError, match="vanished"):
+        tangent_of(Design.from_dict({"motor": {"J": J, "K_t": 1.0}}), fit, [(0, "tau_z")])
 
 
 @pytest.mark.parametrize(
