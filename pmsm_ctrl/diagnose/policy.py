@@ -133,8 +133,9 @@ class Policy:
     separated : float
         Twice the log-likelihood by which one rival must beat the other in the proposed experiment.
     explained_torque : float
-        Smallest share of the torque's mean square that a model must explain for a verdict. Less than this share of
-        what is not noise: log and design do not belong together. Half, because with less most of the torque is
+        Smallest share of the torque's mean square that a model must explain for a verdict; for a name, of what is
+        not noise, and as much beside what is. Less than this share of what is not noise: log and design do not belong
+        together. Half, because with less most of the torque is
         something else. A log is also not called consistent where more than this share of its residual lies above the
         noise floor. Of 50 clean worlds eight have such a residual: edges that are not sampled, or a drive at its limit.
     implausible_factor : float

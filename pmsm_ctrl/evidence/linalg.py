@@ -367,9 +367,7 @@ def _own(values: Array, vectors: Array, size: Array, along: Array, own_share: fl
     return Added(back, back.T @ along, size)
 
 
-def added_each(
-    grams: Sequence[Array], shared: Array, along: Array, own_share: float = OWN_SHARE
-) -> list[Added]:  # fmt: skip
+def added_each(grams: Sequence[Array], shared: Array, along: Array, own_share: float = OWN_SHARE) -> list[Added]:
     """Return what each of several groups of columns explains beyond a model, none of the others in it.
 
     Parameters

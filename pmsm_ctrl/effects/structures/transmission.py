@@ -32,7 +32,7 @@ __all__ = [
     "after_hard_start",
     "beyond_noise",
     "mean_acceleration",
-]  # fmt: skip
+]
 
 Array = NDArray[np.float64]
 
@@ -271,9 +271,9 @@ def mean_acceleration(balances: Balances) -> float:
 def after_hard_start(balances: Balances, column: Array, shape: Mapping[str, float], beside: float = 0.0) -> Array:
     """Return the acceleration of a load less that of the rotor, 0 while it swings from a hard start of the log.
 
-    What came before that sample is not known, and a filter needs both sides. Where nothing later in the log is as hard,
-    an error of a twentieth there is larger than all that the load does else, and no parameter mends it. As a rigid axis
-    the model has no larger error there than without the effect.
+    What came before the first sample is not known, and a filter needs both sides. Where nothing later in the log is as
+    hard, an error of a twentieth of this swing is larger than all that the load does otherwise, and no parameter mends
+    it. With a rigid axis there, the error is no larger than without the effect.
 
     Parameters
     ----------
