@@ -95,15 +95,15 @@ def _turned(load: float, before: float, pull: float, f: float, h: float) -> floa
 
 
 @inlined
-def _numbers(spring: Array, h: float, out: Array, lane: int, lanes: int) -> None:
-    """Fill one lane: w_a^2, 2 zeta w_a, f, what a step leaves of twist and speed of each other, and 1 / w_a^2."""
+def _numbers(spring: Array, h: float, out: Array) -> None:
+    """Fill w_a^2, 2 zeta w_a, f, what a step leaves of twist and speed of each other, and 1 / w_a^2."""
     w, zeta, f = spring[0], spring[1], spring[2]
     ringing = w * sqrt(1.0 - zeta * zeta)
     fade, c, s = exp(-zeta * w * h), cos(ringing * h), sin(ringing * h) / ringing
-    out[lane], out[lanes + lane], out[2 * lanes + lane] = w * w, 2.0 * zeta * w, f
-    out[3 * lanes + lane], out[4 * lanes + lane] = fade * (c + zeta * w * s), fade * s
-    out[5 * lanes + lane], out[6 * lanes + lane] = -fade * w * w * s, fade * (c - zeta * w * s)
-    out[7 * lanes + lane] = 1.0 / (w * w)
+    out[0], out[1], out[2] = w * w, 2.0 * zeta * w, f
+    out[3], out[4] = fade * (c + zeta * w * s), fade * s
+    out[5], out[6] = -fade * w * w * s, fade * (c - zeta * w * s)
+    out[7] = 1.0 / (w * w)
 
 
 @inlined
@@ -180,17 +180,19 @@ def rubbing_loads(theta: Array, omega: Array, period: float, steps: int, springs
         Filled: torque of the spring over the load's inertia, at every sample.
     """
     h, count = period / steps, springs.shape[0]
+    alone = np.empty(8)
     if count < FEW:
-        alone = np.empty(8)
         for k in range(count):
-            _numbers(springs[k], h, alone, 0, 1)
+            _numbers(springs[k], h, alone)
             _one_load(theta, omega, steps, alone, h, out[k])
         return
     numbers = np.empty(8 * LANES)
     for start in range(0, count, LANES):
         stop = min(start + LANES, count)
         for c in range(LANES):  # lanes that are left over follow the last load
-            _numbers(springs[min(start + c, stop - 1)], h, numbers, c, LANES)
+            _numbers(springs[min(start + c, stop - 1)], h, alone)
+            for n in range(8):
+                numbers[n * LANES + c] = alone[n]
         _side_by_side(theta, omega, steps, numbers, h, out[start:stop])
 
 
