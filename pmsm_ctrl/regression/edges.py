@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 MAD = 1.4826  # standard deviation of normal noise over the median of its magnitude
 # A channel's own noise is what it holds above this share of its rate: no motion reaches there.
 UPPER = 0.25
+# Samples that are filtered at once, and those beside them: the filter has forgotten all others to the last digit.
+PART, BESIDE = 1 << 18, 1 << 9
 # Height of the highest of a few hundred samples of noise, in its standard deviation.
 NOISE_PEAK = 4.5
 # Periods of the cutoff on either side of an edge in which it rings at full height.
@@ -76,10 +78,8 @@ def edge_error(
     # the filters mirror a log in its last value: an edge there is a step of twice its height
     beyond = min(len(prepared.t) - 1, round((EDGE_PERIODS + RINGING[-1][0]) * rate / prepared.cutoff))
     inside = slice(beyond, beyond + len(prepared.t))
-    whole = np.pad(raw, times * beyond, mode="reflect", reflect_type="odd")
-    beside = low_pass(whole, fast_rate, UPPER * fast_rate)
-    np.abs(np.subtract(whole, beside, out=beside), out=beside)
-    del whole  # a fast log is large
+    beside = np.pad(raw, times * beyond, mode="reflect", reflect_type="odd")
+    _keep_edges(beside, fast_rate)
     pieces = [slice(*np.searchsorted(prepared.t, [one.start, one.stop])) for one in records] or [slice(None)]
     level = np.zeros(len(prepared.t))
     for piece in pieces:
@@ -90,7 +90,7 @@ def edge_error(
     if not np.isfinite(level).all():
         return np.zeros(len(prepared.keep))
     noise = level[prepared.keep]
-    fast = highest(beside, times + 1 - times % 2)[::times].copy() if times > 1 else beside
+    fast = _highest_of_each(beside, times) if times > 1 else beside
     del beside
 
     def peaks_within(periods: float) -> Array:
@@ -107,6 +107,27 @@ def edge_error(
         edge = np.maximum(edge, left * (peaks_within(EDGE_PERIODS + further) - usual))
     passed = np.sqrt(2.0 * prepared.cutoff / fast_rate)
     return np.asarray(passed * edge)
+
+
+def _keep_edges(values: Array, rate: float) -> None:
+    """Leave the size of what a signal holds above a quarter of its rate, Hz, in its place: a fast log is large."""
+    before = values[:0]
+    for start in range(0, len(values), PART):
+        stop = min(start + PART, len(values))
+        slow = low_pass(np.concatenate([before, values[start : stop + BESIDE]]), rate, UPPER * rate)
+        slow = slow[len(before) : len(before) + stop - start]
+        before = values[max(start, stop - BESIDE) : stop].copy()
+        np.abs(np.subtract(values[start:stop], slow, out=slow), out=values[start:stop])
+
+
+def _highest_of_each(values: Array, times: int) -> Array:
+    """Return the highest value around every so many samples, as far as to those halfway to the next one."""
+    reach, out = times + 1 - times % 2, np.empty(-(-len(values) // times))
+    for start in range(0, len(values), times * PART):
+        first, stop = max(0, start - times), min(start + times * PART, len(values))
+        around = highest(values[first : stop + times], reach)[start - first : stop - first : times]
+        out[start // times : start // times + len(around)] = around
+    return out
 
 
 def highest(values: Array, reach: int) -> Array:

@@ -39,6 +39,20 @@ def test_an_edge_takes_the_weight_of_the_samples_that_it_rings_into(prepared: Pr
     assert weight[away > 20.0 / prepared.cutoff].min() > 0.99
 
 
+@pytest.mark.parametrize("times", [1, 3, 4])
+def test_the_edges_of_a_long_log_are_told_a_few_samples_at_a_time(
+    prepared: Prepared, times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random = np.random.default_rng(2)
+    raw = 0.01 * random.standard_normal(times * prepared.t.size)
+    for place in (len(raw) // 3, 700 * times + 1):
+        raw[place:] += random.uniform(0.5, 2.0)
+    at_once = edge_error(raw, prepared)
+    monkeypatch.setattr("pmsm_ctrl.regression.edges.PART", 700)
+    assert at_once.max() > 0.0
+    assert edge_error(raw, prepared) == pytest.approx(at_once, rel=1e-9, abs=1e-12)
+
+
 def test_an_edge_at_the_very_end_is_a_step_to_the_filter(prepared: Prepared) -> None:
     t = prepared.t
     raw = np.sin(t) + 0.01 * np.random.default_rng(3).standard_normal(t.size)
