@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +110,8 @@ class Fitted:
     rough: frozenset[int] = frozenset()
     profiles: Mapping[tuple[int, str], tuple[float, float]] = field(default_factory=dict)
 
-    @property
+    # Read by a dozen criteria.
+    @cached_property
     def residual(self) -> Array:
         """Measured less predicted, shape (channels, m)."""
         return self.record.target - self.estimate.predicted()

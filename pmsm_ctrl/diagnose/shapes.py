@@ -249,7 +249,19 @@ def _is_late(record: Record) -> bool:
 
 def _change(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Array:
     """Return by how much other shapes change the prediction, shape (channels, m); all values stay."""
-    return np.asarray((_model(design, fit, accepted)[1].matrix - fit.model.matrix) @ fit.estimate.values)
+    moved = [k for k, (one, before) in enumerate(zip(accepted, fit.accepted, strict=True)) if one.shape != before.shape]
+    if _is_late(fit.record) or any(accepted[k].effect.structure.replaces_direction for k in moved):
+        return np.asarray((_model(design, fit, accepted)[1].matrix - fit.model.matrix) @ fit.estimate.values)
+    change = np.zeros(fit.record.target.shape)
+    for k in moved:  # all other columns stay
+        position = fit.position(k)
+        assert position is not None  # it does not replace the direction
+        values = fit.estimate.values[fit.model.columns_of(position)]
+        before = fit.model.groups[position].rows
+        for row, columns in effect_group(fit.record, accepted[k].effect, accepted[k].shape).entering:
+            was = before[row]
+            change[row] += values @ (columns if was is None else columns - was)
+    return change
 
 
 def moved_to(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Fitted:

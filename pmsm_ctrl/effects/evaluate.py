@@ -143,7 +143,7 @@ def _list(names: Mapping[str, Any]) -> str:
 
 def _broadcast(effect: Effect, signals: Mapping[str, ArrayLike]) -> tuple[list[Array], int]:
     """The signals that a term reads, and the length of all: a constant term is as long as the log it belongs to."""
-    n = max((value.size if isinstance(value, np.ndarray) else np.size(value) for value in signals.values()), default=1)
+    n = max(map(np.size, signals.values()), default=1)
     wanted = []
     for name in effect.signals:
         if name not in signals:

@@ -218,17 +218,16 @@ def gram_of(blocks: Sequence[Array], weight: Array) -> Array:
     -------
     array, shape (columns, columns)
     """
-    ends = np.cumsum([len(block) for block in blocks])
-    total = int(ends[-1]) if len(ends) else 0
+    total = sum(len(block) for block in blocks)
     out = np.zeros((total, total))
     buffer = np.empty((total, CHUNK))
-    for start in range(0, len(weight), CHUNK):
+    for start in range(0, len(weight) if total else 0, CHUNK):
         part_weight = weight[start : start + CHUNK]
         if not np.any(part_weight):
             continue
         part = buffer[:, : len(part_weight)]
-        for block, end in zip(blocks, ends, strict=True):
-            np.multiply(block[:, start : start + CHUNK], part_weight, out=part[end - len(block) : end])
+        np.concatenate([block[:, start : start + CHUNK] for block in blocks], out=part)
+        part *= part_weight
         out += part @ part.T
     return out
 

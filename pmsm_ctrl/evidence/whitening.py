@@ -6,7 +6,9 @@ Source: G. E. P. Box, G. M. Jenkins, Time Series Analysis, 1976, ch. 7; J. P. Bu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,15 +42,24 @@ class ChannelWhitener:
         Row o holds the coefficients, lags 0 to o, for a sample with o others before it.
     sigma : float
         Noise of a sample of full weight, rms, in the channel's unit.
-    memory : float
-        Time after which the noise has forgotten all but 5 % of itself, s.
+    model : array, shape (order,)
+        Of the noise, autoregressive.
+    rate : float
+        Of the samples, Hz.
     """
 
     weight: Array
     position: NDArray[np.int64]
     filters: Array
     sigma: float
-    memory: float
+    model: Array
+    rate: float
+
+    # Few of those that are made are asked for it.
+    @cached_property
+    def memory(self) -> float:
+        """Time after which the noise has forgotten all but 5 % of itself, s."""
+        return memory_of(self.model, self.rate)
 
     @property
     def scale(self) -> Array:
@@ -149,16 +160,18 @@ def make_whitener(
     most : int
         Highest order of the autoregressive model; 0 for weights alone.
     """
+    parts = stretches(mask)
     channels = [
-        channel_whitener(one * one_weight, one_weight, mask, rate, rank, most)
+        channel_whitener(one * one_weight, one_weight, mask, rate, rank, most, parts)
         for one, one_weight in zip(residual, weight, strict=True)
     ]
     return Whitener(np.flatnonzero(mask), tuple(channels))
 
 
 def channel_whitener(
-    weighted: Array, weight: Array, mask: Mask, rate: float, rank: int, most: int = MAX_ORDER
-) -> ChannelWhitener:
+    weighted: Array, weight: Array, mask: Mask, rate: float, rank: int, most: int = MAX_ORDER,
+    parts: Sequence[slice] | None = None,
+) -> ChannelWhitener:  # fmt: skip
     """Fit the noise of one channel.
 
     Parameters
@@ -172,8 +185,10 @@ def channel_whitener(
         Rank of the fitted columns: the noise level is corrected for the degrees of freedom that they take.
     most : int
         Highest order of the autoregressive model; 0 for weights alone.
+    parts : sequence of slice, optional
+        The stretches of the mask, where they are known.
     """
-    parts = stretches(mask)
+    parts = stretches(mask) if parts is None else parts
     pieces = [weighted[part] for part in parts]
     lengths = np.array([len(piece) for piece in pieces])
     n = int(mask.sum())
@@ -186,7 +201,7 @@ def channel_whitener(
         filters[order, : order + 1] = np.concatenate([[1.0], models[order]]) / np.sqrt(variances[order])
     position = np.arange(n) - np.repeat(np.cumsum(lengths) - lengths, lengths)
     sigma = float(np.sqrt(variances[0]))
-    return ChannelWhitener(weight[mask], position, filters, sigma, memory_of(models[best], rate))
+    return ChannelWhitener(weight[mask], position, filters, sigma, models[best], rate)
 
 
 def inflation(n: int, rank: int) -> float:

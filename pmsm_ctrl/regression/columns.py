@@ -69,9 +69,10 @@ class Group:
 
     @property
     def values(self) -> Array:
-        """The columns over all balances, shape (channels, m, k)."""
+        """The columns over the balances up to the last that they enter, shape (channels, m, k)."""
         m = max((columns.shape[1] for _, columns in self.entering), default=0)
-        out = np.zeros((len(self.rows), m, len(self.symbols)))
+        count = max((row + 1 for row, _ in self.entering), default=1)
+        out = np.zeros((count, m, len(self.symbols)))
         for row, columns in self.entering:
             out[row] = columns.T
         return out
@@ -221,5 +222,5 @@ def seen_as_candidate(record: Record, group: Group, offered: bool = False) -> Gr
     seen = of(record, group.effect, values, group.shape)
     if seen is values:
         return group
-    rows = tuple(None if columns is None else seen[row].T.copy() for row, columns in enumerate(group.rows))
-    return replace(group, rows=rows)
+    rows = (None if columns is None else np.ascontiguousarray(seen[row].T) for row, columns in enumerate(group.rows))
+    return replace(group, rows=tuple(rows))

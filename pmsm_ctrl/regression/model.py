@@ -101,12 +101,12 @@ class Model:
         nominal, sigma : array, shape (k,)
         """
         m = next(columns.shape[1] for _, columns in groups[0].entering)
-        stored = np.zeros((len(groups[0].rows), len(nominal), m))  # a column's samples side by side
+        stored = np.empty((len(groups[0].rows), len(nominal), m))  # a column's samples side by side
         views, end = [], 0
         for group in groups:
             own = slice(end, end := end + len(group.symbols))
-            for row, columns in group.entering:
-                stored[row, own] = columns
+            for row, columns in enumerate(group.rows):
+                stored[row, own] = 0.0 if columns is None else columns
             rows = tuple(None if columns is None else stored[row, own] for row, columns in enumerate(group.rows))
             views.append(replace(group, rows=rows))
         return cls(tuple(views), names, nominal, sigma, stored.swapaxes(1, 2))

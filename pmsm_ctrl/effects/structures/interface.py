@@ -289,7 +289,8 @@ class Structure(ABC):
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns by which an effect not in the model yet is judged: `values`, shape (channels, m, k).
 
-        What is made of noise, or of errors of the filters, is zero.
+        What is made of noise, or of errors of the filters, is zero. Balances behind the last that the columns enter are
+        left out.
         """
         return values
 

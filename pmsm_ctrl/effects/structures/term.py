@@ -69,8 +69,9 @@ class Term(Structure):
         terms = _without_noise(effect, signals, values)
         if not terms:
             raise UnavailableError("it has no parameter that multiplies a column")
-        slow = _slow_enough(balances, effect, shape)
-        return [_entering(balances, effect, terms[symbol] * slow, shape) for symbol in self.symbols(effect)]
+        if (slow := _slow_enough(balances, effect, shape)) is not None:
+            terms = {symbol: term * slow for symbol, term in terms.items()}
+        return [_entering(balances, effect, terms[symbol], shape) for symbol in self.symbols(effect)]
 
     def judges(self, effect: Effect) -> bool:
         """Whether the term bends over the speed."""
@@ -127,8 +128,8 @@ def readable(balances: Balances) -> dict[str, Array | float]:
     signals: dict[str, Array | float] = {k: v for k, v in balances.signals.items() if k != "alpha"}
     if balances.design.motor.p is not None:
         signals["p"] = float(balances.design.motor.p)
-    for name in ("di_d", "di_q"):
-        signals.setdefault(name, np.zeros(len(balances.signals["t"])))
+    for name in {"di_d", "di_q"} - signals.keys():
+        signals[name] = np.zeros(len(balances.signals["t"]))
     return signals
 
 
@@ -191,13 +192,13 @@ def _angle(balances: Balances, wrong: Array, frame: float) -> dict[str, Array]:
     return out
 
 
-def _slow_enough(balances: Balances, effect: Effect, shape: Mapping[str, float]) -> Array | float:
+def _slow_enough(balances: Balances, effect: Effect, shape: Mapping[str, float]) -> Array | None:
     """Where an order of the angle lies below the log's Nyquist frequency; above it, it would come back as an alias.
 
-    None of it is lost: the balances are filtered far below.
+    None of it is lost: the balances are filtered far below. None where there is no order.
     """
     if effect.order not in shape:
-        return 1.0
+        return None
     per_turn = shape[effect.order] * (balances.design.motor.p or 1 if "p" in effect.signals else 1)
     fastest = 0.8 * np.pi / balances.period
     return np.asarray(per_turn * np.abs(balances.signals["omega"]) < fastest, dtype=float)

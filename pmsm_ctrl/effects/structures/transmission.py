@@ -288,9 +288,12 @@ def after_hard_start(balances: Balances, column: Array, shape: Mapping[str, floa
     -------
     array, shape (n,)
     """
-    size, period = np.abs(balances.signals["alpha"]), balances.period
-    first = size[: max(1, round(2.0 / balances.cutoff / period))]
-    if float(first.max()) < HARD * float(np.sqrt(np.mean(size**2))):
+    key, period = ("alpha", "hard start"), balances.period  # asked of every column
+    if key not in balances.kept:
+        alpha = balances.signals["alpha"]
+        first = np.abs(alpha[: max(1, round(2.0 / balances.cutoff / period))])
+        balances.kept[key] = not float(first.max()) < HARD * float(np.sqrt(np.mean(alpha**2)))
+    if not balances.kept[key]:
         return column
     swings = min(SETTLED / (shape[DAMPING] * shape[FREQUENCY]) + beside, AT_MOST * len(column) * period)
     out = column.copy()

@@ -92,7 +92,7 @@ def test_a_load_on_its_spring_is_followed_exactly(hz: float) -> None:
     expected = lfilter(load.num, load.den, motion(many))[::fine]
     effect = CATALOGUE["compliance"]
     shape = effect.structure.shape(effect, {"J_load": 1.0, "k": w * w, "d": 2.0 * zeta * w})
-    log = SimpleNamespace(signals={"alpha": motion(t)}, period=period, cutoff=60.0)
+    log = SimpleNamespace(signals={"alpha": motion(t)}, period=period, cutoff=60.0, kept={})
     (column,) = effect.structure.columns(log, effect, shape)  # type: ignore[arg-type]
     assert column["torque"] == pytest.approx(expected, abs=2e-4 * np.max(np.abs(expected)))
 
@@ -106,7 +106,7 @@ def test_the_swings_of_a_hard_start_are_no_prediction(hz: float, zeta: float, se
 
     def column(start: float) -> NDArray[np.float64]:
         alpha = np.cos(2.0 * np.pi * t) + start * np.exp(-t / 0.01)
-        log = SimpleNamespace(signals={"alpha": alpha}, period=1e-3, cutoff=40.0)
+        log = SimpleNamespace(signals={"alpha": alpha}, period=1e-3, cutoff=40.0, kept={})
         return effect.structure.columns(log, effect, shape)[0]["torque"]  # type: ignore[arg-type]
 
     first = int(np.flatnonzero(column(3.0))[0])

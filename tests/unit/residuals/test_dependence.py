@@ -177,7 +177,7 @@ def test_f_test_against_scipy(rng: np.random.Generator) -> None:
     y = 0.05 * x[:, 0] + rng.standard_normal(n)
     mask = np.ones(n, dtype=bool)
     noise = noise_of(y, [x], mask, 100.0)
-    white = ChannelWhitener(np.ones(n), np.arange(n), np.ones((1, 1)), 1.0, 0.01)
+    white = ChannelWhitener(np.ones(n), np.arange(n), np.ones((1, 1)), 1.0, np.zeros(0), 100.0)
     flat = replace(noise, whitener=white)
     beta, rss, *_ = np.linalg.lstsq(x, y, rcond=None)
     gain = float(y @ y - rss[0])
