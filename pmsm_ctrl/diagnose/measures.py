@@ -14,7 +14,7 @@ from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import BLOCKS, EVEN, Trial, blocked_gain, try_group
 from pmsm_ctrl.evidence.tests import limited_gain_errors, mean_gain, rank_test
-from pmsm_ctrl.regression.columns import Group, effect_group
+from pmsm_ctrl.regression.columns import Group, effect_group, seen_as_candidate
 from pmsm_ctrl.regression.model import Model, Solved, solve_model, solve_on_factors
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.regression.records import LEVELS
@@ -31,6 +31,7 @@ __all__ = [
     "excess_of",
     "has_own_order",
     "in_band",
+    "in_doubt",
     "judged_gain",
     "left_inside",
     "machine_of",
@@ -370,6 +371,23 @@ def sized(fit: Fitted, trial: Trial, least: float) -> Trial:
     beside = fit.plain if model is None else solve_model(fit.record, model, fit.weights, fit.plain)
     part, all_of_it = (try_group(beside, fit.weights, trial.candidate, one.group).gain for one in (trial, whole))
     return replace(whole, plain_gain=whole.gain) if part > least * all_of_it else trial
+
+
+def in_doubt(fit: Fitted, trial: Trial, least: float) -> bool:
+    """Whether an effect explains most in samples in which all that is fast, were it noise, could be it.
+
+    Parameters
+    ----------
+    fit : Fitted
+    trial : Trial
+    least : float
+        That part of what it explains has to be beyond all that is fast.
+    """
+    if not trial.candidate.effect.structure.judged_in_part:
+        return False
+    whole = effect_group(fit.record, trial.candidate.effect, trial.group.shape)
+    slow = beside_held(seen_as_candidate(fit.record, whole, offered=True), fit.model.responses)
+    return try_group(fit.plain, fit.weights, trial.candidate, slow).gain < least * trial.plain_gain
 
 
 def weighted_errors(fit: Fitted) -> dict[str, float]:

@@ -21,6 +21,7 @@ from pmsm_ctrl.diagnose.measures import (
     excess_of,
     has_own_order,
     in_band,
+    in_doubt,
     judged_gain,
     left_inside,
     machine_of,
@@ -342,8 +343,8 @@ def _judge_trial(
 ) -> Refusal | Evidence:
     """Return what a candidate's columns tell, the cheapest criterion first, beside effects of this size at most.
 
-    One that is a minor part of the residual has to be confirmed as a later effect is; with a memory, twice as surely:
-    edges that no sample caught are shaped by what a spring or a gap does to them as well.
+    One that is a minor part of the residual, or owes most to samples in which noise could be it, has to be confirmed as
+    a later effect is; with a memory, twice as surely: edges that no sample caught are shaped by what it does as well.
     """
     refusal = criteria.signs(not trial.singular, not trial.wrong_sign) or criteria.significance(p_holm, policy)
     if refusal is not None:
@@ -358,11 +359,12 @@ def _judge_trial(
     refusal = criteria.size(share, explained, excess, policy, minor_too)
     if refusal is not None and (larger := sized(fit, trial, policy.left_inside)) is not trial:
         share, (explained, excess) = contribution(fit, larger), excess_of(fit.plain, larger, larger.plain_gain)
-        refusal = criteria.size(share, explained, excess, policy)
+        refusal, minor_too = criteria.size(share, explained, excess, policy), True
     if refusal is None and not has_own_order(fit, trial):
         refusal = criteria.beside_larger(share, largest, policy)
     if refusal is not None:
         return refusal
+    minor_too = minor_too or in_doubt(fit, trial, policy.left_inside)
     found, whole, returned = cross_validated(fit, trial)
     first, surely = not (fit.accepted or minor_too), minor_too and memory
     refusal = criteria.cross_validation(found, whole, returned, first, policy, twice=surely)

@@ -55,6 +55,8 @@ class Gap(Transmission):
         The parameter of the gap between the flanks, rad.
     unlike_rivals : bool
         No rival opens and closes.
+    offered_apart : bool
+        The residual of the model of all candidates is the noise: gaps take no more of it than what is fast allows.
     judged_in_part : bool
         A load that has struck a flank follows the shaft nearly as noise would have it.
     amounts_are_linear : bool
@@ -65,6 +67,7 @@ class Gap(Transmission):
     has_gap: ClassVar[bool] = True
     most_damped: ClassVar[float] = STUCK
     unlike_rivals: ClassVar[bool] = True
+    offered_apart: ClassVar[bool] = True
     judged_in_part: ClassVar[bool] = True
     amounts_are_linear: ClassVar[bool] = False
 
@@ -85,11 +88,20 @@ class Gap(Transmission):
         """Return the columns where the load would accelerate otherwise than the shaft by more than noise.
 
         Nothing is left of a gap whose contact gives way further than the gap is wide. A load in contact follows the
-        shaft nearly always, so it takes part in all of the noise.
+        shaft nearly always, so it takes part in all of the noise: what the acceleration holds in the upper half of the
+        band, and no more than the torque allows that is left beside the load.
         """
-        if shape[self.gap] * shape[FREQUENCY] ** 2 < FIRM * mean_acceleration(balances):
+        if not self._firm(balances, shape):
             return np.zeros_like(values)
-        return beyond_noise(values, balances.shaft_noise())
+        return beyond_noise(values, min(balances.shaft_noise(), balances.noise_beside(values[0][:, 0])))
+
+    def offered(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
+        """Return the columns where the load would accelerate otherwise than the shaft by more than all that is fast."""
+        return beyond_noise(values, balances.shaft_noise()) if self._firm(balances, shape) else np.zeros_like(values)
+
+    def _firm(self, balances: Balances, shape: Mapping[str, float]) -> bool:
+        """Whether the contact gives way less than the gap is wide."""
+        return shape[self.gap] * shape[FREQUENCY] ** 2 >= FIRM * mean_acceleration(balances)
 
     def inside(self, effect: Effect, shape: Mapping[str, float], name: str, value: float) -> float:
         """Return the value inside the bounds; the contact's frequency has an upper one."""

@@ -86,3 +86,18 @@ def test_a_load_that_resonates_beyond_the_band_takes_part_in_all_noise(design: D
     seen, whole = seen_as_candidate(record, beyond).rows[0], beyond.rows[0]
     assert seen is not None
     np.testing.assert_array_equal(seen, whole)
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_edges_of_the_torque_are_no_noise_behind_a_gap(design: Design, seed: int) -> None:
+    """The axis is rigid and its torque steps: what is fast in its acceleration is the motion."""
+    record = two_masses(design, 0.0, seed)
+    shape = {"gap": 0.02, "(w_a)": 2.0 * np.pi * 300.0, "(zeta)": 0.4}
+    group = effect_group(record, CATALOGUE["backlash"], shape)
+    assert group.rows[0] is not None
+    assert record.shaft_noise() > 3.0 * record.noise_beside(group.rows[0][0])
+    seen, offered = (seen_as_candidate(record, group, offered=way).rows[0] for way in (False, True))
+    assert seen is not None
+    assert offered is not None
+    assert np.mean(seen != 0.0) > 2.0 * np.mean(offered != 0.0)
+    np.testing.assert_array_equal(seen[seen != 0.0], group.rows[0][seen != 0.0])

@@ -15,6 +15,7 @@ from pmsm_ctrl.diagnose.measures import (
     contribution,
     gain_of_rows,
     in_band,
+    in_doubt,
     plain_errors,
     record_deviation,
     seen_beyond,
@@ -167,3 +168,22 @@ def test_an_effect_is_sized_as_a_whole_where_most_of_it_is_beyond_noise(
     found = sized(fit, seen, 0.5)
     assert found.group == ("whole" if taken else "part")
     assert found.plain_gain == (300.0 if taken else 10.0)
+
+
+@pytest.mark.parametrize(
+    ("in_part", "beyond", "doubted"), [(True, 49.0, True), (True, 51.0, False), (False, 0.0, False)]
+)
+def test_an_effect_is_in_doubt_where_all_that_is_fast_could_be_most_of_it(
+    monkeypatch: pytest.MonkeyPatch, in_part: bool, beyond: float, doubted: bool
+) -> None:
+    candidate: Any = SimpleNamespace(effect=SimpleNamespace(structure=SimpleNamespace(judged_in_part=in_part)))
+    judge: Any = (None, None)
+    group: Any = SimpleNamespace(shape={})
+    trial = Trial(candidate, group, 90.0, 90.0, 0.0, np.ones(1), np.ones(1), judge, plain_gain=100.0)
+    monkeypatch.setattr(measures, "effect_group", lambda record, effect, shape: "whole")
+    monkeypatch.setattr(measures, "seen_as_candidate", lambda record, group, offered: (group, offered))
+    monkeypatch.setattr(measures, "beside_held", lambda group, responses: group)
+    gains = {("whole", True): beyond}
+    monkeypatch.setattr(measures, "try_group", lambda s, w, c, group: SimpleNamespace(gain=gains[group]))
+    fit: Any = SimpleNamespace(record=None, weights=None, plain=None, model=SimpleNamespace(responses=()))
+    assert in_doubt(fit, trial, 0.5) is doubted
