@@ -146,7 +146,7 @@ class Bristle(Structure):
             return Search((), why_not="it shows in the travel around reversals, and this log has no angle")
         scale = log.travel / 100.0 if log.balances.linear else 1.0
         rest = {p.symbol: p.start for p in effect.parameters}
-        deflections = np.geomspace(2e-4, 0.2, 10) * scale
+        deflections = np.geomspace(2e-4, 0.2, 28) * scale
         return Search(tuple({**rest, self.deflection: float(z)} for z in deflections))
 
     def refined_later(self, effect: Effect, shape: Mapping[str, float]) -> bool:

@@ -41,7 +41,7 @@ SHARP = 7
 PART_OF_WIDTH = 0.1  # of half the width of a resonance, which is its damping: straight enough for a slope
 SWUNG_OUT = 7.0  # time constants of a swing: a thousandth of it is left
 # The smallest load, as a share of the inertia: on a sharp resonance it makes most of what a model without it leaves.
-LEAST_ON_SPRING = 0.005
+LEAST_ON_SPRING = 0.0005
 # Lowest and highest frequency of a load on its spring, Hz, and the dampings of those that ring.
 LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
 # Twist of a spring, rad rms at its output: twice what even highly flexible couplings are rated for, at their peak.
