@@ -114,7 +114,7 @@ def added(
     made = _best_made(case, fit, trial)
     if trial.candidate.effect.structure.delays:
         case, fit, trial, made = _with_reversals_in_time(case, fit, trial, made)
-    made = with_profiles(case.design, made)
+    made = with_profiles(case.design, made, None if case.believed is None else case.believed.log)
     advance(0.7)
     judged = _judged(case, fit, trial, made, polish, names_of(holdouts, "the held-out log"))
     advance(1.0)

@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.bouncing import of_bouncing_load
 from pmsm_ctrl.diagnose.fit import BASE, Fitted
 from pmsm_ctrl.diagnose.shape_grid import over_all_shapes
 from pmsm_ctrl.diagnose.shapes import LONGEST, Free, moved_to, searched, shifted, straight_over, tangent_of
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.bounds import bounded, column_bounds, holding
 from pmsm_ctrl.regression.columns import UnavailableError
 
@@ -65,7 +67,7 @@ class _Parameter:
         return {} if self.number == BASE else fit.accepted[self.number].shape
 
 
-def with_profiles(design: Design, fit: Fitted) -> Fitted:
+def with_profiles(design: Design, fit: Fitted, log: Log | None = None) -> Fitted:
     """Return the fit with the intervals of those parameters of its effects whose profile is no parabola.
 
     Parameters
@@ -73,6 +75,8 @@ def with_profiles(design: Design, fit: Fitted) -> Fitted:
     design : Design
     fit : Fitted
         With its shapes fitted.
+    log : Log, optional
+        What was fitted, before any filter: loads behind gaps are followed along it, for seconds.
     """
     walks = _Walks.over(design, fit)
     if not walks.doubtful and not fit.rough:
@@ -81,7 +85,10 @@ def with_profiles(design: Design, fit: Fitted) -> Fitted:
         profiles = ((partial(_profile, design, walks, one), NORMAL * one.stderr) for one in walks.vague())
         bent = walks.at_bound or any(_bend(profile, half) > 0.5 * PARABOLA for profile, half in profiles)
         doubtful = walks.doubtful if bent else ()
+        seen: dict[int, dict[str, tuple[float, float]]]
         seen = {n: over_all_shapes(fit, n, walks.scale_of(n), NORMAL) for n in {*doubtful, *fit.rough}}
+        if log is not None:
+            seen |= {n: of_bouncing_load(fit, n, log, NORMAL) for n in fit.rough if not seen[n]}
         every = [one for number in doubtful if not seen[number] for one in walks.of_effect(number)]
         every += walks.base() if bent else ()
         found = {(one.number, one.symbol): _interval(design, walks, one) for one in every}

@@ -59,7 +59,7 @@ def scores(effect_id: str, seed: int, scenario: str, polish: bool = False) -> di
             off, stderr = entry.parameters[symbol] - value, entry.stderr.get(symbol, float("nan"))
             if symbol in told and (interval := told[symbol].ends) is not None:
                 stderr = abs(interval[0 if off > 0.0 else 1] - entry.parameters[symbol]) / HALF_WIDTH
-            out[symbol] = off / stderr
+            out[symbol] = off / stderr if stderr != 0.0 else np.inf  # the estimate is an end, the truth beyond it
     return out
 
 
@@ -89,9 +89,10 @@ def main() -> None:
         table[effect] = dict(found)
         for symbol, values in found.items():
             z = np.array(values)
-            z = z[np.isfinite(z)]
+            z = z[~np.isnan(z)]
             held = interval(int((np.abs(z) < HALF_WIDTH).sum()), len(z))
-            spread = f"{z.mean():+.2f} | {z.std():.2f}" if len(z) else "- | -"
+            finite = z[np.isfinite(z)]
+            spread = f"{finite.mean():+.2f} | {finite.std():.2f}" if len(finite) else "- | -"
             print(f"| {effect} | {symbol} | {held} | {spread} | {len(values) - len(z)} |", flush=True)
         if refused:
             print(f"| {effect} | | refused: {refused} | | |", flush=True)
