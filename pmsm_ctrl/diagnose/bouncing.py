@@ -224,4 +224,4 @@ def _stretches(moved: Array) -> Iterator[tuple[int, int]]:
 
 def _noise(values: Array) -> float:
     """Return the standard deviation of what is white in a signal that is smooth otherwise."""
-    return float(np.median(np.abs(np.diff(values, 4)))) / (0.6745 * np.sqrt(70.0))
+    return float(np.median(np.abs(np.diff(values, 4))) / (0.6745 * np.sqrt(70.0)))

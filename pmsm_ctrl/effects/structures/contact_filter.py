@@ -70,7 +70,7 @@ def course(
     """
     out = np.empty((2, len(theta)))
     _run(effect, values, inertias, theta, torque, period, (0.0, np.inf, 0.0, 0.0), 0.0, steps, out)
-    return theta - out[0]
+    return np.asarray(theta - out[0], dtype=np.float64)
 
 
 def _run(
