@@ -28,6 +28,7 @@ class Policy:
         The mean cross-validation gain must exceed zero by this many standard errors; that of a minor effect with a
         memory by twice as many, and by as many beside its rivals. In 2,258 clean worlds minor gaps and presliding that
         pass all else reach 4.7, of seven that are there five have 6.1 to 17; a false one of 6.8 has 1.7 beside rivals.
+        As many for a gap in doubt, or sized as a whole: of four false ones three have 3.2 to 4.0 and one 6.7.
         Set on: clean (docs/diagnosis.md); worlds.
     first_block_errors, expected_share : float
         The same for the first effect, which may be small. Its mean gain over its standard error must exceed
