@@ -194,7 +194,7 @@ def beside_rivals(
         Whether it has to be as sure as where little is left.
     """
     sure = share > policy.refused_share and found.gain > policy.block_errors * found.stderr
-    enough = share > policy.excess and found.gain > policy.rival_errors * found.stderr and not surely
+    enough = share > policy.left_inside and found.gain > policy.rival_errors * found.stderr and not surely
     if p_value <= policy.significance and (sure or enough):
         return None
     explained = 100.0 * min(max(1.0 - share, 0.0), 1.0)

@@ -39,7 +39,7 @@ from pmsm_ctrl.diagnose.outcome import outcome
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.polish import with_polish
 from pmsm_ctrl.diagnose.profiles import with_profiles
-from pmsm_ctrl.diagnose.refusal import Reason
+from pmsm_ctrl.diagnose.refusal import BESIDE_NOISE, Reason, Refusal
 from pmsm_ctrl.diagnose.resonance import compared, measured, started
 from pmsm_ctrl.diagnose.result import Diagnosis
 from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, significant, with_sampling_told
@@ -205,21 +205,27 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     if shown and found.verdict in NOTHING_NAMED and explains_most(found.selection.fit, case.policy):
         for other in in_narrower_bands(case):
             again = _select(other, progress=lambda share: progress(0.9))
-            if again.steps and _hidden_by_noise(again.steps[0], shown, case.policy):
+            if again.steps and _hidden_by_noise(again.steps[0], shown, selection.refused, case.policy):
                 return _answered(other, again, plan, progress)
         if small.steps:
             return _answered(minor, small, plan, progress)
     return case, found
 
 
-def _hidden_by_noise(step: Step, shown: Collection[str], policy: Policy) -> bool:
-    """Whether an effect found in a narrower band was significant in the usual one, and is a large part of the residual.
+def _hidden_by_noise(step: Step, shown: Collection[str], refused: Mapping[str, Refusal], policy: Policy) -> bool:
+    """Whether an effect found in a narrower band is one that the usual band shows as well, beside more noise.
 
-    Whatever is in half of a band is in the whole of it: noise makes it a small part there, and not insignificant. An
-    effect with a memory acts at all frequencies: what half of a band alone shows of it is something else.
+    Whatever is in half of a band is in the whole of it: noise makes it a small part there, and not insignificant. How
+    much of the residual it explains does not matter: chance is of another size in half of the narrower band. An effect
+    with a memory acts at all frequencies, and its shape adapts to what any band leaves: it is a large part, and the
+    usual band refuses it for what noise does, and not for a parameter.
     """
-    memory = step.trial.candidate.effect.structure.has_memory
-    return not memory and name_of(step.trial) in shown and step.evidence.explained >= policy.refused_share
+    name, structure = name_of(step.trial), step.trial.candidate.effect.structure
+    if name not in shown or not structure.has_memory:
+        return name in shown
+    refusal = refused.get(name)
+    noise = refusal is not None and refusal.reason in BESIDE_NOISE
+    return noise and not structure.delays and step.evidence.explained >= policy.refused_share
 
 
 def in_narrower_bands(case: Case) -> Iterator[Case]:

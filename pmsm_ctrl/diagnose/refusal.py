@@ -9,7 +9,7 @@ from typing import Any
 
 from pmsm_ctrl.rendering.numbers import with_error
 
-__all__ = ["NEVER_SEEN", "Reason", "Refusal"]
+__all__ = ["BESIDE_NOISE", "NEVER_SEEN", "Reason", "Refusal"]
 
 
 class Reason(StrEnum):
@@ -40,6 +40,10 @@ class Reason(StrEnum):
 
 # Refusals for which the table of candidates gives the detection limit.
 NEVER_SEEN = frozenset({Reason.NOT_SIGNIFICANT, Reason.PARAMETER_AT_BOUND})
+# Refusals that noise can bring upon an effect that is there, as far as it is a small part of what a band holds.
+BESIDE_NOISE = frozenset({
+    Reason.TOO_SMALL, Reason.MINOR, Reason.NOT_CONFIRMED, Reason.BALANCE_WORSE, Reason.ERROR_NOT_LOWERED,
+})  # fmt: skip
 
 WORDS: Mapping[Reason, str] = {
     Reason.NOT_INDEPENDENT: "not distinguishable from the model on this log",
