@@ -17,6 +17,7 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 __all__ = [
     "CrossValidation",
     "Machine",
+    "barely_confirmed",
     "beside_larger",
     "beside_ripple",
     "beside_rivals",
@@ -169,6 +170,19 @@ def cross_validation(
     sure = found.gain > asked * found.stderr or found.p_rank < 0.5 * policy.significance or returned > policy.impossible
     sure = sure or found.limited > policy.block_errors
     if sure and found.gain > 0.0:
+        return None
+    return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
+
+
+def barely_confirmed(found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
+    """Check that left-out blocks speak for an effect, whose size in half the band has to confirm it.
+
+    Parameters
+    ----------
+    found : CrossValidation
+    policy : Policy
+    """
+    if found.gain > policy.first_block_errors * found.stderr:
         return None
     return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
 

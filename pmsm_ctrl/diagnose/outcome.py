@@ -16,12 +16,13 @@ from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviation
 from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import at_bounds, base_parameters, fitted_design, fitted_parameters
+from pmsm_ctrl.diagnose.judging import Evidence
 from pmsm_ctrl.diagnose.limits import amounts_that_gain, detection_limits
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Structure, Verdict
 from pmsm_ctrl.diagnose.search import Trial
-from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
+from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.model import LOAD_SCALE

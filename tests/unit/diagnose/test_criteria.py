@@ -88,6 +88,12 @@ def test_cross_validation_asks_for_so_many_standard_errors() -> None:
     )
 
 
+@pytest.mark.parametrize(("gain", "passes"), [(2.1, True), (1.9, False), (-3.0, False)])
+def test_left_out_blocks_speak_barely_for_an_effect(gain: float, passes: bool) -> None:
+    refusal = criteria.barely_confirmed(CrossValidation(gain, 1.0, 16, 0.5))
+    assert reason(refusal) is (None if passes else Reason.NOT_CONFIRMED)
+
+
 @pytest.mark.parametrize(
     ("p_value", "share", "gain", "passes"),
     [

@@ -81,17 +81,22 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
 
         def judge(fit: Any, one: Any, p_holm: float, policy: Any, *rest: Any) -> Any:
             judged.append(one.candidate.effect.id)
-            return Refusal(before[judged[-1]]) if judged[-1] in before else SimpleNamespace(name=judged[-1])
+            given.get("told", []).append(rest[-1])
+            return (
+                Refusal(before[judged[-1]])
+                if judged[-1] in before
+                else SimpleNamespace(name=judged[-1], barely=given.get("barely", False))
+            )
 
         def refit(old: Any, new: Any, one: Any, policy: Any) -> Refusal | None:
             found = after.get(one.candidate.effect.id)
             return Refusal(found) if found else None
 
-        monkeypatch.setattr(rounds, "_judge_trial", judge)
-        monkeypatch.setattr(rounds, "_judge_refit", refit)
-        monkeypatch.setattr(rounds, "_judge_holdout", lambda *a: None)
+        monkeypatch.setattr(rounds, "judge_trial", judge)
+        monkeypatch.setattr(rounds, "judge_refit", refit)
+        monkeypatch.setattr(rounds, "judge_holdout", lambda *a: None)
         monkeypatch.setattr(rounds, "unlike_in_half", lambda *a: given.get("asked", []).append(a[-1]))
-        monkeypatch.setattr(rounds, "_judge_size", lambda case, new: given.get("sizes", {}).get(new.accepted[-1]))
+        monkeypatch.setattr(rounds, "judge_size", lambda case, new: given.get("sizes", {}).get(new.accepted[-1]))
         monkeypatch.setattr(rounds, "unlike_above", lambda case, new: given.get("above", {}).get(new.accepted[-1]))
         monkeypatch.setattr(rounds, "slight", lambda *a: given.get("slight", False))
         monkeypatch.setattr(rounds, "_with", lambda case, fit, one: (*fit.accepted, one.candidate.effect.id))
@@ -130,7 +135,7 @@ def test_a_wave_of_another_size_above_the_band_is_refused(round_of: Any) -> None
     assert found.refused["a"] is other
 
 
-@pytest.mark.parametrize("flag", ["", "minor_too", "surely", "slight"])
+@pytest.mark.parametrize("flag", ["", "minor_too", "surely", "slight", "barely"])
 @pytest.mark.parametrize("accepted", [(), ("z",)])
 def test_a_first_effect_that_is_minor_and_any_slight_one_is_surely_the_same(
     round_of: Any, flag: str, accepted: tuple[str, ...]
@@ -138,7 +143,18 @@ def test_a_first_effect_that_is_minor_and_any_slight_one_is_surely_the_same(
     asked: list[bool] = []
     given = {flag: True} if flag else {}
     assert round_of(["a"], {}, {}, accepted=accepted, asked=asked, **given).accepted
-    assert asked == [flag == "slight" or (bool(flag) and not accepted)]
+    assert asked == [flag in ("slight", "barely") or (bool(flag) and not accepted)]
+
+
+@pytest.mark.parametrize("flag", ["", "minor_too", "surely"])
+@pytest.mark.parametrize("accepted", [(), ("z",)])
+def test_left_out_blocks_may_barely_confirm_a_first_effect_of_the_usual_band(
+    round_of: Any, flag: str, accepted: tuple[str, ...]
+) -> None:
+    told: list[bool] = []
+    given = {flag: True} if flag else {}
+    round_of(["a"], {}, {}, accepted=accepted, told=told, **given)
+    assert told == [not accepted and not flag]
 
 
 def test_none_passes(round_of: Any) -> None:
@@ -183,7 +199,7 @@ def test_sampling_comes_before_any_other_reason_against_a_significant_delay(
     monkeypatch: pytest.MonkeyPatch, reason: Reason, asked: bool, within: bool, delays: bool
 ) -> None:
     sampling = Refusal(Reason.WITHIN_SAMPLING) if within else None
-    monkeypatch.setattr(rounds, "_judge_sampling", lambda after, policy: sampling if after.accepted == ("a",) else None)
+    monkeypatch.setattr(rounds, "judge_sampling", lambda after, policy: sampling if after.accepted == ("a",) else None)
     monkeypatch.setattr(rounds, "_with", lambda case, fit, one: (*fit.accepted, one.candidate.effect.id))
     fit = SimpleNamespace(accepted=(), trials=(trial("b"), trial("a", delays=delays)))
     before = Selection((fit,), (), {"a": Refusal(reason), "b": Refusal(Reason.MINOR)})  # type: ignore[arg-type]
