@@ -289,18 +289,26 @@ def no_balance_worse(
 
 
 def no_voltage_worse(
-    before: Mapping[str, float], after: Mapping[str, float], policy: Policy = POLICY
+    before: Mapping[str, float], after: Mapping[str, float], noise: Mapping[str, float], policy: Policy = POLICY
 ) -> Refusal | None:
     """Check that an effect on the voltages raises the error of none of them, all samples weighted alike.
+
+    Unless for much less than another one gains: what an encoder adds to u_q by its speed can be a thousand times the
+    effect, and changes with any model, by chance.
 
     Parameters
     ----------
     before, after : dict of balance to float
         Rms error, V.
+    noise : dict of balance to float
+        Rms noise, V.
     policy : Policy
     """
-    worse = [name for name in after if after[name] > policy.unchanged * before[name]]
-    return Refusal(Reason.BALANCE_WORSE, {"balance": worse[0]}) if worse else None
+    change = {name: (after[name] ** 2 - before[name] ** 2) / noise[name] ** 2 for name in after}
+    for name, more in change.items():
+        if after[name] > policy.unchanged * before[name] and more > -policy.traded * min(change.values()):
+            return Refusal(Reason.BALANCE_WORSE, {"balance": name})
+    return None
 
 
 def error_lowered(

@@ -170,7 +170,7 @@ def judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> 
         refusal = None  # a winding so far off its datasheet has served some balance better than the truth does
     elif refusal is None and trial.candidate.effect.enters == "voltage":
         voltages = [name for name in new if name != "torque"]
-        refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, policy)
+        refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, noise, policy)
     elif refusal is None and [row for row, _ in trial.group.entering] == [0]:
         # what shows in a voltage as well may change the torque's error by chance: its balances were judged together
         was, now = (sound_error(fit, policy.sound_weight) for fit in (beside, after))

@@ -70,8 +70,8 @@ class Policy:
         it a delay is named in a speed that the drive filtered, and in an angle of five digits. Set on: plant.
     balance_worse, traded : float
         The weighted rms error of a balance may not rise with an effect by more than the ratio `balance_worse`, unless
-        its rise is less than the share `traded` of what another balance gains. Set on: blind, pair 11106, where a third
-        effect raised an error fivefold.
+        its rise is less than the share `traded` of what another balance gains; so of the voltages, all samples alike,
+        beyond `unchanged`. Set on: blind, pair 11106, where a third effect raised an error fivefold.
     unchanged : float
         Ratio of rms errors, all moving samples alike, up to which an effect leaves an error as it was. What is more
         raises it: for an effect on the voltages that of any of them, for one on the torque that over the samples that

@@ -168,11 +168,20 @@ def test_no_balance_may_get_worse_unless_another_one_gains_much_more() -> None:
     assert criteria.no_balance_worse(old, {"torque": 5.0, "u_q": 1.1}, noise) is None
 
 
-def test_the_voltages_may_not_get_worse_all_samples_alike() -> None:
-    assert criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.0009, "u_q": 1.0}) is None
-    assert reason(criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.0011, "u_q": 0.4})) is (
-        Reason.BALANCE_WORSE
-    )
+@pytest.mark.parametrize(
+    ("u_d", "u_q", "noise_q", "passes"),
+    [
+        (1.0009, 1.0, 1.0, True), (1.0011, 1.0, 1.0, False), (1.0011, 0.999, 1.0, False),
+        (0.9, 1.002, 1.0, True), (0.9, 1.02, 1.0, False),  # a fifth of what the other one gains, each by its noise
+        (0.9, 1.02, 0.1, False), (0.9, 1.02, 10.0, True),
+    ],
+)  # fmt: skip
+def test_no_voltage_may_get_worse_all_samples_alike_but_for_much_less_than_another_gains(
+    u_d: float, u_q: float, noise_q: float, passes: bool
+) -> None:
+    before, after = {"u_d": 1.0, "u_q": 1.0}, {"u_d": u_d, "u_q": u_q}
+    refusal = criteria.no_voltage_worse(before, after, {"u_d": 1.0, "u_q": noise_q})
+    assert reason(refusal) is (None if passes else Reason.BALANCE_WORSE)
 
 
 def test_an_error_has_to_fall_or_the_winding_to_return() -> None:
