@@ -290,3 +290,26 @@ def test_a_thousandth_of_the_inertia_on_a_sharp_resonance_is_found(seed: int, hi
     (step,) = diagnose(world.design, simulate_world(world, hidden), plan=False).steps
     assert step.effect == "compliance"
     assert step.parameters["J_load"].value == pytest.approx(hidden["load_inertia"], rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("seed", "hidden", "effect", "narrower"),
+    [
+        # a bristle behind 9 to 12 bits, margin 16: at 40 Hz the error of the samples known well rose beside it
+        (1901423, {"bristle": 6.556139403008001e-05}, "presliding", True),
+        # a saturation, margin 3.7, explains 2 % of a band of 131 Hz and 9.8 % of one of 20 Hz
+        slow(1901038, {"saturation": 0.07029023768168463}, "torque_saturation", True),
+        # left-out blocks: 15.0 +- 6.3; 1.06 +- 0.07 of its size in half the band; margin 5.7
+        slow(1901296, {"wave": 0.15526721365595364, "wave_order": 72.0, "wave_phase": 4.935883874872857}, "cogging",
+             False),
+        # the encoder's speed error in u_q, 12 V, rises by 0.2 %, u_d falls by 13 %; margin 3.6
+        slow(2101244, {"dead_voltage": 1.5112341799700408, "dead_current": 0.00642443708424399}, "dead_time", False),
+    ],
+)  # fmt: skip
+def test_what_noise_hid_from_the_usual_band_is_named(
+    seed: int, hidden: dict[str, float], effect: str, narrower: bool
+) -> None:
+    world = draw(seed)
+    found = diagnose(world.design, simulate_world(world, hidden), plan=False)
+    assert [step.effect for step in found.steps] == [effect]
+    assert any(one.code == "narrower_band" for one in found.notices) == narrower

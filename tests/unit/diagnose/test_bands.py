@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +12,9 @@ import pytest
 from pmsm_ctrl import Design, simulate
 from pmsm_ctrl.diagnose import criteria, diagnose
 from pmsm_ctrl.diagnose.bands import conditioned_in
-from pmsm_ctrl.diagnose.diagnosis import condition, in_narrower_bands
+from pmsm_ctrl.diagnose.diagnosis import _hidden_by_noise, condition, in_narrower_bands
 from pmsm_ctrl.diagnose.policy import POLICY
-from pmsm_ctrl.diagnose.refusal import Reason
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.log import Log
 from tests.benchmarks.worlds.hidden import simulate_world
 from tests.benchmarks.worlds.world import draw
@@ -121,3 +123,24 @@ def test_an_error_of_the_model_that_changes_with_the_band_has_no_name() -> None:
     (ranked,) = found.ranking
     assert ranked.refusal is not None
     assert ranked.refusal.reason is Reason.OTHER_BAND
+
+
+@pytest.mark.parametrize(
+    ("memory", "explained", "reason", "shown", "named"),
+    [
+        (False, 0.01, Reason.MINOR, True, True), (False, 0.9, Reason.NOT_SIGNIFICANT, False, False),
+        (True, 0.11, Reason.MINOR, True, True), (True, 0.09, Reason.MINOR, True, False),
+        (True, 0.9, Reason.PARAMETER_AT_BOUND, True, False), (True, 0.9, Reason.NOT_DETERMINED, True, False),
+        (True, 0.9, Reason.BALANCE_WORSE, True, True), (True, 0.9, Reason.NOT_CONFIRMED, False, False),
+    ],
+)  # fmt: skip
+def test_what_a_narrower_band_shows_is_what_noise_hid(
+    memory: bool, explained: float, reason: Reason, shown: bool, named: bool
+) -> None:
+    structure = SimpleNamespace(has_memory=memory, delays=False)
+    effect = SimpleNamespace(label=lambda shape: "a", structure=structure)
+    trial = SimpleNamespace(candidate=SimpleNamespace(effect=effect), group=SimpleNamespace(shape={}))
+    step: Any = SimpleNamespace(trial=trial, evidence=SimpleNamespace(explained=explained))
+    assert _hidden_by_noise(step, {"a"} if shown else set(), {"a": Refusal(reason)}, POLICY) == named
+    structure.delays = True
+    assert _hidden_by_noise(step, {"a"} if shown else set(), {"a": Refusal(reason)}, POLICY) == (named and not memory)
