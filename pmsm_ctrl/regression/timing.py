@@ -70,8 +70,10 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]
             f"{where}a gap of {step[widest]:.4g} s after t = {t[widest]:.6g} s is too long to be bridged; "
             "cut the log there"
         )
-    period = float(np.mean(step[~holes]))
-    usual = step[step < LOST * period]  # a sample that was lost is a gap, and no jitter
+    # a sample that was lost makes a step of two periods: it does not make the clock slower, and it is no jitter
+    periods = np.where(step < LOST * period, 1.0, np.round(step / period))
+    period = float(np.sum(step[~holes]) / np.sum(periods[~holes]))
+    usual = step[step < LOST * period]
     jitter = 100.0 * float(np.max(np.abs(usual - period))) / period
     if "theta" in channels:
         channels["theta"] = unwrapped(channels["theta"])
@@ -83,7 +85,7 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]
     for k in np.flatnonzero(holes):
         good[(grid > t[k]) & (grid < t[k + 1])] = False
     inside = holes & ~_between(log, t)
-    notes = [words.RESAMPLED(jitter=jitter, rate=1.0 / period)] if jitter > 0.1 or not log.records else []
+    notes = [words.RESAMPLED(jitter=jitter, rate=1.0 / period)] if jitter > 0.1 else []
     if inside.any():
         notes.append(words.GAPS(count=int(inside.sum()), seconds=float(step[inside].sum())))
     return grid, resampled, good, tuple(notes)

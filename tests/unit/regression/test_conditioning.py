@@ -155,6 +155,21 @@ def test_a_band_is_thinned_to_a_grid_that_it_fills(cutoff: float) -> None:
     assert 2.0 <= rate / cutoff <= 2.8
 
 
+@pytest.mark.parametrize("rate", [250.0, 1000.0])
+@pytest.mark.parametrize("share", [0.003, 0.05, 0.2])
+def test_lost_samples_do_not_slow_the_clock(rate: float, share: float) -> None:
+    """The samples that are left keep their times and values: nothing is interpolated but what was lost."""
+    t = np.arange(2000) / rate
+    keep = np.random.default_rng(7).random(len(t)) >= share
+    keep[[0, -1]] = True
+    torque = np.sign(np.sin(3.0 * t))  # held values, which a spline between samples would ring at
+    grid, channels, good, notes = uniform(Log({"t": t[keep], "theta": (t**2)[keep], "torque": torque[keep]}))
+    np.testing.assert_allclose(grid, t, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(channels["torque"][keep], torque[keep], atol=1e-6)
+    assert good.all()
+    assert not notes
+
+
 def test_a_hole_stays_out_where_single_samples_are_lost_everywhere() -> None:
     rng = np.random.default_rng(3)
     t = np.concatenate([np.arange(4000), np.arange(6000, 10000)]) / 1000.0
