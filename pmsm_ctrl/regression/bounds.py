@@ -57,6 +57,9 @@ def bounded(free: Solved, columns: Iterable[int] | None = None) -> Solved:
         inside = lsq_linear(free.triangle / size, free.along, (low * size, high * size), method="bvls")
         edges = {-1: low, 1: high}
         held = {k: float(edges[side][k]) for k, side in enumerate(inside.active_mask.tolist()) if side}
+        if not held:  # columns hang together: the free optimum is one of many, and another one keeps the bounds
+            nearest = np.clip(found.values, low, high)
+            held = {k: float(nearest[k]) for k in np.flatnonzero(nearest != found.values).tolist()}
         found = holding(free, held)
     return found
 
