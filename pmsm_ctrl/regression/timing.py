@@ -36,6 +36,7 @@ LATE = 0.5
 # spreads as far as that remembers, in periods of the cutoff.
 HOLE, AROUND_HOLES = 5.0, 5.0
 LOST = 1.9  # periods between two samples from which on at least one is missing
+OFF_CLOCK = 0.1  # periods by which a step of a clock whose samples are lost may differ from a multiple of its period
 # Time at the end of a record from which its speed there is taken, s, and the fewest samples.
 END, FEWEST_END = 0.01, 5
 LONGEST_BRIDGE = 50.0  # times the usual time between two records
@@ -71,7 +72,9 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]
             "cut the log there"
         )
     # a sample that was lost makes a step of two periods: it does not make the clock slower, and it is no jitter
-    periods = np.where(step < LOST * period, 1.0, np.round(step / period))
+    periods = np.round(step / period)
+    if np.any(np.abs(step - periods * period)[~holes] > OFF_CLOCK * period):
+        periods = np.ones(len(step))  # a late stamp has early ones behind it, and nothing is lost
     period = float(np.sum(step[~holes]) / np.sum(periods[~holes]))
     usual = step[step < LOST * period]
     jitter = 100.0 * float(np.max(np.abs(usual - period))) / period

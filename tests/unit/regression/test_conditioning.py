@@ -170,6 +170,16 @@ def test_lost_samples_do_not_slow_the_clock(rate: float, share: float) -> None:
     assert not notes
 
 
+def test_late_stamps_are_no_lost_samples() -> None:
+    """A stamp that is late by 1.5 periods has an early one behind it: the mean step is the period."""
+    t = np.arange(2000) / 1000.0
+    t[100::50] += 1.5e-3
+    t[101::50] += 0.7e-3
+    grid, _, _, _ = uniform(Log({"t": np.sort(t), "torque": np.random.default_rng(3).standard_normal(2000)}))
+    assert len(grid) == 2000
+    assert grid[1] - grid[0] == pytest.approx(1e-3, rel=1e-3)
+
+
 def test_a_hole_stays_out_where_single_samples_are_lost_everywhere() -> None:
     rng = np.random.default_rng(3)
     t = np.concatenate([np.arange(4000), np.arange(6000, 10000)]) / 1000.0
