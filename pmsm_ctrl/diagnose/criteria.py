@@ -281,11 +281,7 @@ def no_balance_worse(
     -------
     Refusal or None
     """
-    change = {name: (after[name] ** 2 - before[name] ** 2) / noise[name] ** 2 for name in after}
-    for name, more in change.items():
-        if after[name] > policy.balance_worse * before[name] and more > -policy.traded * min(change.values()):
-            return Refusal(Reason.BALANCE_WORSE, {"balance": name})
-    return None
+    return _worse(before, after, noise, policy.balance_worse, policy)
 
 
 def no_voltage_worse(
@@ -304,9 +300,16 @@ def no_voltage_worse(
         Rms noise, V.
     policy : Policy
     """
+    return _worse(before, after, noise, policy.unchanged, policy)
+
+
+def _worse(
+    before: Mapping[str, float], after: Mapping[str, float], noise: Mapping[str, float], ratio: float, policy: Policy
+) -> Refusal | None:
+    """Return the first balance whose error rises by more than a ratio, and by more than a share of another's gain."""
     change = {name: (after[name] ** 2 - before[name] ** 2) / noise[name] ** 2 for name in after}
     for name, more in change.items():
-        if after[name] > policy.unchanged * before[name] and more > -policy.traded * min(change.values()):
+        if after[name] > ratio * before[name] and more > -policy.traded * min(change.values()):
             return Refusal(Reason.BALANCE_WORSE, {"balance": name})
     return None
 

@@ -33,9 +33,10 @@ class Policy:
     first_block_errors, expected_share : float
         The same for the first effect, which may be small. Its mean gain over its standard error must exceed
         `expected_share` times the root of its whole gain, and `first_block_errors` at least. Gains that are spread
-        evenly over the blocks reach 0.5 times the root of the whole gain; three quarters of that are asked. Later
-        effects need the full `block_errors`: the model error of an accepted effect is in every block, and looks like a
-        small effect. Set on: blind at half strength, and with effects left out of the candidates.
+        evenly over the blocks reach 0.5 times the root of the whole gain; three quarters of that are asked.
+        `first_block_errors` alone are enough where half the band surely shows the same size. Later effects need the
+        full `block_errors`: the model error of an accepted effect is in every block, and looks like a small effect. Set
+        on: blind at half strength, and with effects left out of the candidates; half the band on worlds.
     rival_errors : float
         The mean cross-validation gain beside the rivals of an effect must exceed zero by this many standard errors.
         Rivals are late, averaged or filtered channels, and waves of a turn. Set on: worlds; blind (servo).
