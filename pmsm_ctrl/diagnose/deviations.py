@@ -14,8 +14,10 @@ from pmsm_ctrl.diagnose.measures import WINDING, machine_of, seen_beyond, windin
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
+from pmsm_ctrl.regression.conditioning import default_cutoff
 from pmsm_ctrl.regression.drive_timing import LATENESS
 from pmsm_ctrl.regression.model import LOAD_SCALE
+from pmsm_ctrl.regression.timed_record import FRICTION
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -75,6 +77,8 @@ def _machine(design: Design, selection: Selection, policy: Policy) -> Iterator[D
         outside = abs(value - nominal) - tolerance * nominal > policy.sure_errors * error
         flagged = outside and _is_seen(fit, fit.model.names.index(name), _edge(nominal, value, tolerance), policy)
         doubt = _doubted(selection, name, value, _edge(nominal, value, tolerance)) if flagged else ""
+        if flagged and name == "J":
+            doubt = _inertia_doubted(fit, abs(value / nominal - 1.0) - tolerance, policy)
         flagged = flagged and not doubt
         note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else doubt or _unseen(outside)
         if flagged and name in WINDING:
@@ -107,6 +111,28 @@ def _doubted(selection: Selection, name: str, value: float, edge: float) -> str:
     if by is None or moved <= abs(value - edge):
         return ""
     return f"outside its tolerance, but {name_of(by.trial)} resembles it and moved it by {moved:.3g}: not sure"
+
+
+def _inertia_doubted(fit: Fitted, beyond: float, policy: Policy) -> str:
+    """Return why an inertia beyond its tolerance by a share of it may be none of the axis; empty where it is.
+
+    A reference that is held for T steps by alpha T. A speed loop of angular frequency w answers with a jump of the
+    torque by J w alpha T, which fades to its mean until the next step. Where every sample stands at the same place of
+    such a step, as where the log's period is T or a multiple of it, half of that is taken for inertia. The loop is
+    taken to be as fast as the usual band.
+    """
+    record = fit.record
+    negative = [
+        fit.model.names[k]
+        for k, bound in fit.estimate.held.items()
+        if fit.model.names[k] in FRICTION.values()
+        and bound - float(fit.plain.values[k]) > policy.sure_errors * float(fit.plain.stderr[k])
+    ]
+    if negative:
+        return f"outside its tolerance, but {' and '.join(negative)} would be negative as well: not sure"
+    if not record.sampling_stated and beyond <= math.pi * default_cutoff(record.prepared.rate) * record.period:
+        return f"outside its tolerance, but a {record.drive} sampled in step with a held reference shows the same"
+    return ""
 
 
 def _unseen(outside: bool) -> str:

@@ -33,6 +33,7 @@ from pmsm_ctrl.regression.drive_timing import (
 from pmsm_ctrl.regression.edge_share import FEWEST, edge_share, falsified, has_edges
 from pmsm_ctrl.regression.edges import WRONG_TORQUE, steep
 from pmsm_ctrl.regression.encoder_lines import shown_lines
+from pmsm_ctrl.regression.filter_profile import LOWERED, by_profile
 from pmsm_ctrl.regression.instruments import by_reference
 from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.model import AGE, FILTERED, FIXED, MOST_NOISE, noise_share
@@ -48,6 +49,8 @@ FRICTION = {"coulomb": "F_c", "viscous": "F_v"}  # of every axis
 ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
 # Angle, rad, up to which two moments describe a filtered signal: the third is 0.1 % of it then.
 EXPANDED = 0.2
+# Angle at the end of the band, rad, beyond which a filter of a log period is no matter of two moments: 600 Hz and less.
+REACHES = 2.0 * EXPANDED
 HALVINGS = 2  # of the default band: 10 Hz still hold the friction of an axis
 BLUE = 0.66  # what half the band leaves of a noise that grows with the frequency; of white noise it leaves 0.7
 WIDER = 1.25  # times the default band: less is not worth a second pass
@@ -158,7 +161,42 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
                 break
             record = made.record(design, same, 0.0, timing)
         fit = base_fit(design, record)
+    if record.age is None and not record.sampling_stated and _is_slow(record):
+        record, fit = _by_profile(design, made, record, fit)
     return record, fit
+
+
+def _is_slow(record: Record) -> bool:
+    """Whether a filter of one period of the log reaches into its usual band, so that two moments do not describe it."""
+    return 2.0 * math.pi * default_cutoff(record.prepared.rate) * record.period > REACHES
+
+
+def _by_profile(design: Design, made: Made, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
+    """Return the record and its fit behind the filter with which its error is least, where it is noticeably less."""
+    same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
+
+    def error(timing: DriveTiming) -> float:
+        try:
+            return _left(*_plain(design, *_behind(design, made, same, timing)))
+        except LogError:
+            return math.inf
+
+    if _noise(fit) > LOWERED * _left(*_plain(design, record, fit)):
+        return record, fit  # that is noise already
+    timing = by_profile(record.timing, record.period, error)
+    return (record, fit) if timing == record.timing else _behind(design, made, same, timing)
+
+
+def _behind(design: Design, made: Made, same: Processing, timing: DriveTiming) -> tuple[Record, Estimated]:
+    record = made.record(design, same, 0.0, timing)
+    return record, base_fit(design, record)
+
+
+def _left(record: Record, fit: Estimated) -> float:
+    """Weighted rms error of the torque balance, as a share of the torque."""
+    weight = record.weight[0] * record.mask
+    left = (record.target[0] - fit.weighted.predicted()[0]) * weight
+    return float(np.linalg.norm(left)) / max(float(np.linalg.norm(record.target[0] * weight)), 1e-300)
 
 
 def of_one_axis(design: Design, record: Record) -> Record:
