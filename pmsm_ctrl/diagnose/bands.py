@@ -60,7 +60,9 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = Fal
     weights = part.size**2 * whole.values  # amounts of other units count by the torque that they make
     scale = float(weights @ whole.values)
     left, stderr = float(weights @ part.values) / scale, math.sqrt(float(weights**2 @ part.stderr**2)) / scale
-    return criteria.same_in_half(left, stderr, case.policy, surely)
+    structure = one.effect.structure
+    fixed = structure.unlike_rivals or not structure.has_memory
+    return criteria.same_in_half(left, stderr, case.policy, surely, fixed)
 
 
 def _amounts(fit: Fitted, one: Accepted) -> tuple[Added, float]:

@@ -229,7 +229,9 @@ def beside_ripple(gain: float, ripple: float, policy: Policy = POLICY) -> Refusa
     return Refusal(Reason.LIKE_RIPPLE, {"percent": 100.0 * min(ripple / gain, 1.0)})
 
 
-def same_in_half(left: float, stderr: float, policy: Policy = POLICY, surely: bool = False) -> Refusal | None:
+def same_in_half(
+    left: float, stderr: float, policy: Policy = POLICY, surely: bool = False, fixed: bool = True
+) -> Refusal | None:
     """Check that an effect is of the same size in half the band.
 
     Parameters
@@ -238,13 +240,16 @@ def same_in_half(left: float, stderr: float, policy: Policy = POLICY, surely: bo
         Its amount there over that in the band, and the standard error.
     policy : Policy
     surely : bool
-        Whether it has to be the same up to a factor of ``1 / policy.stable``, and not only not surely less.
+        Whether it has to be the same up to a factor of ``1 / policy.stable``, and not only not surely another one.
+    fixed : bool
+        Whether its amount may not be larger there either, surely: that of a spring far below its resonance may.
     """
     slack = policy.sure_errors * stderr
     if surely:
         same = policy.stable < left - slack and left + slack < 1.0 / policy.stable
     else:
-        same = left + slack >= policy.stable
+        more = left - slack > 1.0 + policy.stable and fixed
+        same = left + slack >= policy.stable and not more
     return None if same else Refusal(Reason.OTHER_BAND, {"percent": 100.0 * left})
 
 

@@ -146,6 +146,8 @@ class Policy:
         Smallest share of an effect's amount in the band that half of it has to show, the standard errors of
         `sure_errors` allowed for. The size of an effect does not hang on the band; that of an error of the model does.
         Of 60 right names in worlds none has less than 0.66, of 13 false ones in clean worlds one has more than 0.11.
+        By as much of itself the amount may surely exceed the one in the band, unless it is that of a spring or of a
+        bristle: of 400 right names none does, of 38 false ones in clean worlds four.
         Where an effect is a minor part of the residual, the amount must surely be more than this share, and less than
         its inverse.
     friction_share : float

@@ -15,7 +15,7 @@ from pmsm_ctrl.regression.drive_timing import DriveTiming
 __all__ = ["LOWERED", "by_profile"]
 
 # Time constants, and delays beyond what sampling can do, in periods of the log. Every fit finds a delay of up to one.
-LAGS, LATES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0), (1.0, 2.0, 3.0, 4.0)
+LAGS, LATES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0), (1.5, 2.5, 3.5, 4.5)
 # What a filter has to lower the error to: a mean over a period, and noise that the controller responds to, lower it
 # less.
 LOWERED = 0.9

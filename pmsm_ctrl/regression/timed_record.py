@@ -177,9 +177,13 @@ def _by_profile(design: Design, made: Made, record: Record, fit: Estimated) -> t
 
     def error(timing: DriveTiming) -> float:
         try:
-            return _left(*_plain(design, *_behind(design, made, same, timing)))
+            behind = _plain(design, *_behind(design, made, same, timing))
         except LogError:
             return math.inf
+        if timing.late > record.sampling:  # with what is a delay, and whatever else
+            return _left(behind[0], base_fit(design, behind[0], settled=False))
+        other = abs(behind[1].level(SPREAD)) > timing.spread + record.period**2 / 24.0
+        return math.inf if other and timing != record.timing else _left(*behind)
 
     if _noise(fit) > LOWERED * _left(*_plain(design, record, fit)):
         return record, fit  # that is noise already

@@ -71,6 +71,17 @@ def test_an_effect_of_less_than_half_its_size_is_another_one_where_that_is_sure(
 
 
 @pytest.mark.parametrize(
+    ("left", "stderr", "fixed", "same"),
+    [(1.6, 0.04, True, True), (1.7, 0.05, True, False), (3.0, 0.6, True, True), (1.7, 0.05, False, True)],
+)
+def test_an_effect_of_surely_half_as_much_again_is_another_one_unless_it_is_a_spring(
+    left: float, stderr: float, fixed: bool, same: bool
+) -> None:
+    found = criteria.same_in_half(left, stderr, fixed=fixed)
+    assert (None if found is None else found.reason) == (None if same else Reason.OTHER_BAND)
+
+
+@pytest.mark.parametrize(
     ("left", "stderr", "same"),
     [(1.0, 0.1, True), (0.6, 0.03, True), (0.6, 0.04, False), (1.7, 0.09, True), (1.7, 0.11, False), (1.0, 0.2, False)],
 )

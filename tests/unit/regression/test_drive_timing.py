@@ -38,14 +38,14 @@ def believed(F_c: float = F_C, F_v: float = F_V) -> Design:
 @cache
 def made(
     seed: int, *, late: float = 0.0, mean: bool = False, lag: float = 0.0, pieces: int = 1, wave: float = 0.0,
-    samples: int = 12_000,
+    samples: int = 12_000, further: tuple[tuple[float, float], ...] = (), every: int = 1,
 ) -> Log:  # fmt: skip
     """Return a log of sines of speed, its current late, a mean over the period before, or filtered, in closed form.
 
-    `wave` is a torque once a turn, N m.
+    `wave` is a torque once a turn, N m; `further` sines of the speed in rad/s. Of the samples every so many stay.
     """
     rng = np.random.default_rng(seed)
-    parts = ((14.0, 2.1), (6.0, 5.3), (0.8, 41.0), (0.3, 77.0))
+    parts = ((14.0, 2.1), (6.0, 5.3), (0.8, 41.0), (0.3, 77.0), *further)
     phases = rng.uniform(0.0, 6.28, len(parts))
 
     def motion(t: np.ndarray) -> list[np.ndarray]:
@@ -73,7 +73,8 @@ def made(
     torque = torque + 0.02 * rng.normal(size=len(clock))
     if pieces > 1:  # runs one after the other, seconds apart
         clock = clock + 4.0 * np.floor(pieces * clock / (samples * PERIOD))
-    return Log({"t": clock, "theta": theta, "omega": speed, "i_q": torque / K_T})
+    channels = {"t": clock, "theta": theta, "omega": speed, "i_q": torque / K_T}
+    return Log({name: values[::every] for name, values in channels.items()})
 
 
 # ---- closed forms -----------------------------------------------------------------------------------------------
@@ -194,6 +195,24 @@ def test_a_filter_that_the_log_states_is_not_said_again() -> None:
     design = believed().replace(log={"sampling": "instant", "filter": 3e-3})
     found = diagnose(design, made(1, lag=3e-3), plan=False)
     assert "drive_signal_filtered" not in found.to_dict()["warning_codes"]
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+@pytest.mark.parametrize("lag", [4e-3, 6.3e-3])
+def test_a_filter_that_reaches_into_the_band_of_a_slow_log_is_found(seed: int, lag: float) -> None:
+    """Two moments do not describe it: the angle of its response is more than one at the end of the band."""
+    log = made(seed, lag=lag, samples=48_000, further=((0.3, 120.0), (0.25, 170.0)), every=4)
+    found = diagnose(believed(), log, plan=False)
+    assert (found.verdict, names(found)) == ("consistent", [])
+    assert found.timing.lag == pytest.approx(lag, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_a_delay_of_a_slow_log_is_no_filter(seed: int) -> None:
+    log = made(seed, late=9e-3, samples=48_000, further=((0.3, 120.0), (0.25, 170.0)), every=4)
+    found = diagnose(believed(), log, plan=False)
+    assert names(found) == ["delay"]
+    assert found.steps[0].parameters["tau"].value == pytest.approx(9e-3, rel=0.04)
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
