@@ -245,11 +245,9 @@ def same_in_half(
         Whether its amount may not be larger there either, surely: that of a spring far below its resonance may.
     """
     slack = policy.sure_errors * stderr
+    same = left + slack >= policy.stable and not (fixed and left - slack > 1.0 + policy.stable)
     if surely:
-        same = policy.stable < left - slack and left + slack < 1.0 / policy.stable
-    else:
-        more = left - slack > 1.0 + policy.stable and fixed
-        same = left + slack >= policy.stable and not more
+        same = same and policy.stable < left - slack and left + slack < 1.0 / policy.stable
     return None if same else Refusal(Reason.OTHER_BAND, {"percent": 100.0 * left})
 
 
