@@ -180,8 +180,10 @@ def _by_profile(design: Design, made: Made, record: Record, fit: Estimated) -> t
             behind = _plain(design, *_behind(design, made, same, timing))
         except LogError:
             return math.inf
-        if timing.late > record.sampling:  # with what is a delay, and whatever else
-            return _left(behind[0], base_fit(design, behind[0], settled=False))
+        if timing.late > record.sampling:  # a delay, beside what it leaves of a variance: little of that of a filter
+            free = base_fit(design, behind[0], settled=False)
+            late = timing.late + free.level(LATENESS)
+            return _left(behind[0], free) if abs(free.level(SPREAD)) < 0.25 * late**2 else math.inf
         other = abs(behind[1].level(SPREAD)) > timing.spread + record.period**2 / 24.0
         return math.inf if other and timing != record.timing else _left(*behind)
 
