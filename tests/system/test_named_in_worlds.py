@@ -313,3 +313,32 @@ def test_what_noise_hid_from_the_usual_band_is_named(
     found = diagnose(world.design, simulate_world(world, hidden), plan=False)
     assert [step.effect for step in found.steps] == [effect]
     assert any(one.code == "narrower_band" for one in found.notices) == narrower
+
+
+@pytest.mark.parametrize(("seed", "lag"), [(1220092, 6.28e-3), (1250116, 6.22e-3), slow(1250034, 7.91e-3)])
+def test_a_filter_that_reaches_into_the_band_of_a_slow_log_is_no_effect(seed: int, lag: float) -> None:
+    """Two moments do not describe it: a delay, and a friction that rises, were named."""
+    world = draw(seed, log_rate=250.0)
+    found = diagnose(world.design, simulate_world(world), plan=False)
+    assert found.steps == ()
+    assert found.timing.lag == pytest.approx(lag, rel=0.1)
+    assert world.lag == pytest.approx(lag, rel=1e-2)
+
+
+@pytest.mark.parametrize(("seed", "why"), [(1250082, "held reference"), (1250053, "F_v would be negative")])
+def test_an_inertia_is_not_flagged_where_a_sampling_in_step_with_the_reference_does_the_same(
+    seed: int, why: str
+) -> None:
+    world = draw(seed, log_rate=250.0)
+    found = diagnose(world.design, simulate_world(world), plan=False)
+    inertia = next(one for one in found.parameter_deviations if one.parameter == "J")
+    assert inertia.outside
+    assert not inertia.flagged
+    assert why in inertia.note
+
+
+@pytest.mark.parametrize("seed", [1250029, slow(1250245)])
+def test_a_saturation_of_another_size_in_half_the_band_is_none(seed: int) -> None:
+    """Speed steps at 250 Hz: samples at the edges of the torque hold its peaks."""
+    world = draw(seed, log_rate=250.0)
+    assert diagnose(world.design, simulate_world(world), plan=False).steps == ()
