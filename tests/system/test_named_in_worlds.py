@@ -342,3 +342,12 @@ def test_a_saturation_of_another_size_in_half_the_band_is_none(seed: int) -> Non
     """Speed steps at 250 Hz: samples at the edges of the torque hold its peaks."""
     world = draw(seed, log_rate=250.0)
     assert diagnose(world.design, simulate_world(world), plan=False).steps == ()
+
+
+@pytest.mark.parametrize("seed", [2400331, slow(2400382)])
+def test_edges_that_no_sample_caught_are_no_filter(seed: int) -> None:
+    """Staircases, instants at 350 and 400 Hz: the error beside the edges rises with every filter."""
+    world = draw(seed)
+    found = diagnose(world.design, simulate_world(world), plan=False)
+    assert found.steps == ()
+    assert found.timing.lag == 0.0
