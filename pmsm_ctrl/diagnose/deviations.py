@@ -50,7 +50,9 @@ def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[De
     sure = abs(estimate - nominal) > policy.sure_errors * error
     outside = bool(abs(estimate / nominal - 1.0) > allowed and sure)
     flagged = outside and _is_seen(fit, k, _edge(nominal, estimate, allowed) / factor, policy)
-    note = f"beyond {100 * allowed:.0f} %: it scales every torque" if flagged else _unseen(outside)
+    doubt = _negative_friction(fit, policy) if flagged else ""
+    flagged = flagged and not doubt
+    note = f"beyond {100 * allowed:.0f} %: it scales every torque" if flagged else doubt or _unseen(outside)
     yield Deviation("K_t", nominal, float(estimate), float(error), UNITS["K_t"], outside, flagged, note)
 
 
@@ -76,29 +78,31 @@ def _machine(design: Design, selection: Selection, policy: Policy) -> Iterator[D
     for name, (value, error, nominal, tolerance) in machine_of(design, fit, policy.tolerance).items():
         outside = abs(value - nominal) - tolerance * nominal > policy.sure_errors * error
         flagged = outside and _is_seen(fit, fit.model.names.index(name), _edge(nominal, value, tolerance), policy)
-        doubt = _doubted(selection, name, value, _edge(nominal, value, tolerance)) if flagged else ""
+        doubt = _doubted(selection, name, value, _edge(nominal, value, tolerance), policy) if flagged else ""
         if flagged and name == "J":
             doubt = _inertia_doubted(fit, abs(value / nominal - 1.0) - tolerance, policy)
         flagged = flagged and not doubt
         note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else doubt or _unseen(outside)
-        if flagged and name in WINDING:
-            note += _restored_by(fit, policy)
         if flagged and name == "J" and not fit.record.sampling_stated:
             note += f", if the {fit.record.drive} was not sampled in step with a held reference"
         unit = axis_unit(UNITS[name], fit.record.prepared.motion)
         yield Deviation(name, nominal, value, error, unit, outside, flagged, note)
 
 
-def _doubted(selection: Selection, name: str, value: float, edge: float) -> str:
+def _doubted(selection: Selection, name: str, value: float, edge: float, policy: Policy) -> str:
     """Return why a parameter of the winding beyond the end of its tolerance is none of the motor; empty where it is.
 
     Where an effect was named that resembles it, the parameter is known no better than the effect's shape: an error of
-    the shape moves it by a share of what the effect itself moved it.
+    the shape moves it by a share of what the effect itself moved it. An effect that was refused may be what it is. A
+    torque constant comes from psi_f.
     """
     if name not in WINDING:
         return ""
     if value <= 0.0:
         return "no motor has one below zero: an effect of another shape than the model's resembles it"
+    doubt = _negative_friction(selection.fit, policy) if name == "psi_f" else ""
+    if doubt := doubt or _restored_by(selection.fit, policy):
+        return doubt
     found = [float(fit.plain.values[fit.model.names.index(name)]) for fit in selection.fits]
     moved, by = max(
         (
@@ -114,7 +118,7 @@ def _doubted(selection: Selection, name: str, value: float, edge: float) -> str:
 
 
 def _inertia_doubted(fit: Fitted, beyond: float, policy: Policy) -> str:
-    """Return why an inertia beyond its tolerance by a share of it may be none of the axis; empty where it is.
+    """Return why an inertia beyond its tolerance by a share of the design's may be none of the axis; empty where it is.
 
     A reference that is held for T steps by alpha T. A speed loop of angular frequency w answers with a jump of the
     torque by J w alpha T, which fades to its mean until the next step. Where every sample stands at the same place of
@@ -122,17 +126,23 @@ def _inertia_doubted(fit: Fitted, beyond: float, policy: Policy) -> str:
     taken to be as fast as the usual band.
     """
     record = fit.record
+    if doubt := _negative_friction(fit, policy):
+        return doubt
+    if not record.sampling_stated and beyond <= math.pi * default_cutoff(record.prepared.rate) * record.period:
+        return f"outside its tolerance, but a {record.drive} sampled in step with a held reference shows the same"
+    return ""
+
+
+def _negative_friction(fit: Fitted, policy: Policy) -> str:
+    """Return that a friction of the axis would surely be negative: what was logged is not its torque alone."""
     negative = [
         fit.model.names[k]
         for k, bound in fit.estimate.held.items()
         if fit.model.names[k] in FRICTION.values()
         and bound - float(fit.plain.values[k]) > policy.sure_errors * float(fit.plain.stderr[k])
     ]
-    if negative:
-        return f"outside its tolerance, but {' and '.join(negative)} would be negative as well: not sure"
-    if not record.sampling_stated and beyond <= math.pi * default_cutoff(record.prepared.rate) * record.period:
-        return f"outside its tolerance, but a {record.drive} sampled in step with a held reference shows the same"
-    return ""
+    said = f"outside its tolerance, but not sure: {' and '.join(negative)} would be negative as well"
+    return said if negative else ""
 
 
 def _unseen(outside: bool) -> str:
@@ -185,7 +195,7 @@ def _restored_by(fit: Fitted, policy: Policy) -> str:
         if not (trial.wrong_sign or trial.singular)
         and winding_return(fit.plain, trial.plain_direction) > policy.returned
     ]
-    return f"; {' or '.join(ids)} would bring it back" if ids else ""
+    return f"outside its tolerance, but not sure: {' or '.join(ids)} would bring it back" if ids else ""
 
 
 def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Policy = POLICY) -> Iterator[Notice]:
