@@ -174,8 +174,7 @@ def _is_slow(record: Record) -> bool:
 def _by_profile(design: Design, made: Made, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
     """Return the record and its fit behind the filter with which its error is least, where it is noticeably less.
 
-    Edges count like everything else: they tell the filter. But where a log has not sampled them they tell anything, so
-    that the error beside them must not rise.
+    Edges count like everything else, behind every filter alike: they tell it.
     """
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
 
@@ -187,18 +186,14 @@ def _by_profile(design: Design, made: Made, record: Record, fit: Estimated) -> t
         if timing.late > record.sampling:  # a delay, beside what it leaves of a variance: little of that of a filter
             free = base_fit(design, behind[0], settled=False)
             late = timing.late + free.level(LATENESS)
-            return _left(free, behind[0]) if abs(free.level(SPREAD)) < 0.25 * late**2 else math.inf
+            return _left(behind[0], free) if abs(free.level(SPREAD)) < 0.25 * late**2 else math.inf
         other = abs(behind[1].level(SPREAD)) > timing.spread + record.period**2 / 24.0
-        return math.inf if other and timing != record.timing else _left(behind[1], behind[0])
+        return math.inf if other and timing != record.timing else _left(*behind)
 
-    even, plain = _with_edges(design, record)
-    if _noise(fit) > LOWERED * _left(plain, even):
+    if _noise(fit) > LOWERED * _left(*_with_edges(design, record)):
         return record, fit  # that is noise already
     timing = by_profile(record.timing, record.period, error)
-    if timing == record.timing:
-        return record, fit
-    filtered, behind = _behind(design, made, same, timing)
-    return (record, fit) if _left(behind, record) > _left(fit, record) else (filtered, behind)
+    return (record, fit) if timing == record.timing else _behind(design, made, same, timing)
 
 
 def _behind(design: Design, made: Made, same: Processing, timing: DriveTiming) -> tuple[Record, Estimated]:
@@ -206,11 +201,11 @@ def _behind(design: Design, made: Made, same: Processing, timing: DriveTiming) -
     return record, base_fit(design, record)
 
 
-def _left(fit: Estimated, weighing: Record) -> float:
-    """Rms error of the torque balance, by the weights of a record, as a share of the torque."""
-    weight, target = weighing.weight[0] * weighing.mask, fit.record.target[0]
-    left = (target - fit.weighted.predicted()[0]) * weight
-    return float(np.linalg.norm(left)) / max(float(np.linalg.norm(target * weight)), 1e-300)
+def _left(record: Record, fit: Estimated) -> float:
+    """Weighted rms error of the torque balance, as a share of the torque."""
+    weight = record.weight[0] * record.mask
+    left = (record.target[0] - fit.weighted.predicted()[0]) * weight
+    return float(np.linalg.norm(left)) / max(float(np.linalg.norm(record.target[0] * weight)), 1e-300)
 
 
 def of_one_axis(design: Design, record: Record) -> Record:
