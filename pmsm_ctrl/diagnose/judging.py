@@ -92,7 +92,8 @@ def judge_trial(
     minor_too : bool
         Whether it may be a minor part of the residual.
     barely_too : bool
-        Whether cross-validation may confirm a first effect barely; a delay has no size to compare in half the band.
+        Whether cross-validation may confirm a first effect barely that is a wave, or most of the whole residual; a
+        delay has no size to compare in half the band.
 
     Returns
     -------
@@ -103,6 +104,7 @@ def judge_trial(
         return refusal
     share = contribution(fit, trial)
     explained, excess = excess_of(fit.plain, trial, trial.plain_gain)
+    most = excess >= policy.above_floor or has_own_order(fit, trial)
     memory = trial.candidate.effect.structure.has_memory
     if not memory:  # in coloured noise, or beside a rest at other frequencies, its share of everything says little
         band = in_band(fit, trial)
@@ -120,7 +122,8 @@ def judge_trial(
     found, whole, returned = cross_validated(fit, trial)
     first, surely = not (fit.accepted or minor_too), minor_too and memory
     refusal = criteria.cross_validation(found, whole, returned, first, policy, twice=surely)
-    barely = refusal is not None and first and barely_too and not trial.candidate.effect.structure.delays
+    # what is in no catalogue resembles others in part
+    barely = refusal is not None and first and barely_too and most and not trial.candidate.effect.structure.delays
     if barely:
         refusal = criteria.barely_confirmed(found, policy)
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:

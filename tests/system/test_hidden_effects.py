@@ -131,7 +131,7 @@ def test_error_falls_to_the_floor_of_the_true_model(blind: ModuleType) -> None:
 @pytest.mark.parametrize(
     ("effect", "text", "seed"),
     [
-        slow("viscous_asymmetry", "speed and direction", 3),
+        ("viscous_asymmetry", "speed and direction", 3),
         # a log in which no Stribeck curve takes half of it, as one does with seeds 3 to 7
         slow("thermal_drift", "time since start", 8),
         slow("torque_ripple", "order 24 of a turn", 3),  # six times the four pole pairs
@@ -421,7 +421,8 @@ def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called impossible
     policy = replace(POLICY, impossible=np.inf, excess=0.03, small_size=1e-4)
     refused = Refusal(Reason.NOT_CONFIRMED, {"gain": gain, "stderr": 1.0})
-    monkeypatch.setattr("pmsm_ctrl.diagnose.criteria.cross_validation", lambda *args, **given: refused)
+    for name in ("cross_validation", "barely_confirmed"):
+        monkeypatch.setattr(f"pmsm_ctrl.diagnose.criteria.{name}", lambda *args, **given: refused)
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80), policy)
     assert result.verdict == verdict
     assert (result.structure.resembles, result.structure.channel) == ("dead_time", "u_q")
