@@ -34,9 +34,10 @@ class Policy:
         The same for the first effect, which may be small. Its mean gain over its standard error must exceed
         `expected_share` times the root of its whole gain, and `first_block_errors` at least. Gains that are spread
         evenly over the blocks reach 0.5 times the root of the whole gain; three quarters of that are asked.
-        `first_block_errors` alone are enough where half the band surely shows the same size. Later effects need the
-        full `block_errors`: the model error of an accepted effect is in every block, and looks like a small effect. Set
-        on: blind at half strength, and with effects left out of the candidates; half the band on worlds.
+        `first_block_errors` alone are enough for a wave, or most of the residual, where half the band surely shows the
+        same size. Later effects need the full `block_errors`: the model error of an accepted effect is in every block,
+        and looks like a small effect. Set on: blind at half strength, and with effects left out of the candidates; half
+        the band on worlds.
     rival_errors : float
         The mean cross-validation gain beside the rivals of an effect must exceed zero by this many standard errors.
         Rivals are late, averaged or filtered channels, and waves of a turn. Set on: worlds; blind (servo).
@@ -146,8 +147,8 @@ class Policy:
         Smallest share of an effect's amount in the band that half of it has to show, the standard errors of
         `sure_errors` allowed for. The size of an effect does not hang on the band; that of an error of the model does.
         Of 60 right names in worlds none has less than 0.66, of 13 false ones in clean worlds one has more than 0.11.
-        By as much of itself the amount may surely exceed the one in the band, unless it is that of a spring or of a
-        bristle: of 400 right names none does, of 38 false ones in clean worlds four.
+        By as much of itself the amount may surely exceed the one in the band, unless it is that of a spring, of a
+        bristle or of a minor gap: of 310 right names none does, of 38 false ones in clean worlds four.
         Where an effect is a minor part of the residual, the amount must surely be more than this share, and less than
         its inverse.
     friction_share : float

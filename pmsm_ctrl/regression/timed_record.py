@@ -183,7 +183,7 @@ def _by_profile(design: Design, made: Made, record: Record, fit: Estimated) -> t
             behind = _with_edges(design, _behind(design, made, same, timing)[0])
         except LogError:
             return math.inf
-        if timing.late > record.sampling:  # a delay, beside what it leaves of a variance: little of that of a filter
+        if timing.late > record.sampling:  # a delay leaves less than half of the variance of a filter
             free = base_fit(design, behind[0], settled=False)
             late = timing.late + free.level(LATENESS)
             return _left(behind[0], free) if abs(free.level(SPREAD)) < 0.25 * late**2 else math.inf
