@@ -6,6 +6,8 @@ less that of the inertia holds them, with more noise, at frequencies that took n
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,7 @@ from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.drive_timing import LATENESS
 from pmsm_ctrl.regression.fast_orders import CLIPPED, PIECE, RESOLVED, as_logged
 from pmsm_ctrl.regression.filters import low_pass
 
@@ -53,7 +56,10 @@ def _amount(log: Log, after: Fitted) -> tuple[float, float] | None:
     order, position = order_of(one, record.design.motor.p or 0), after.position(number)
     if not order or one.effect.signals != ("theta",) or one.effect.enters != "torque" or position is None:
         return None
-    whole, cutoff, own = as_logged(record.design, log), record.cutoff, record.prepared
+    names = after.model.names
+    late = float(after.estimate.values[names.index(LATENESS)]) if LATENESS in names else 0.0
+    timing = replace(record.timing, late=record.timing.late + late)
+    whole, cutoff, own = as_logged(record.design, timing.undone(log)), record.cutoff, record.prepared
     if whole is None:
         return None
     t, rate = whole.t, whole.rate
@@ -61,7 +67,7 @@ def _amount(log: Log, after: Fitted) -> tuple[float, float] | None:
     values = dict(zip(group.symbols, after.estimate.values[columns].tolist(), strict=True))
     angle = np.interp(t, own.t, record.signals["theta"])  # where the records have one zero
     wave = column(one.effect, {"theta": angle}, dict(one.shape) | values)
-    torque = whole.without_inertia(float(after.estimate.values[after.model.names.index("J")]))
+    torque = whole.without_inertia(float(after.estimate.values[names.index("J")]))
     moving = whole.good & (np.interp(t, own.t, own.moving.astype(np.float64)) > 0.5)
 
     def fast(signal: Array) -> Array:

@@ -27,7 +27,7 @@ from pmsm_ctrl.section import Notice
 __all__ = ["explains_most", "judged", "open_questions"]
 
 
-def explains_most(fit: Fitted, policy: Policy = POLICY) -> bool:
+def explains_most(fit: Fitted, policy: Policy = POLICY, noise_too: bool = True) -> bool:
     """Whether a model explains most of the torque that is not noise, and not much less than is noise.
 
     A load that no model knows may be taken for noise: where noise is most of the torque, the two cannot be told apart.
@@ -38,7 +38,8 @@ def explains_most(fit: Fitted, policy: Policy = POLICY) -> bool:
     policy : Policy
     """
     torque = level_of(fit, 0)
-    return torque.explained >= policy.explained_torque * max(torque.explicable, 1.0 - torque.explicable)
+    least = max(torque.explicable, 1.0 - torque.explicable) if noise_too else torque.explicable
+    return torque.explained >= policy.explained_torque * least
 
 
 def judged(
