@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.event import Event
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
+from pmsm_ctrl.diagnose.fitted_design import fitted_design
+from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import beyond
 from pmsm_ctrl.errors import LogError
@@ -32,7 +35,9 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = Fal
 
     The size of an effect does not hang on the band in which it is looked at; that of an error of the model does. The
     shape is that of the whole band. A delay is linearised about itself and has no amount to compare; of a wave of a
-    turn that is mostly too fast for half the band, the skirts of the filters are left.
+    turn that is mostly too fast for half the band, the skirts of the filters are left. Where an effect is most of the
+    residual, the sampling that half the band finds without it may be wrong by milliseconds, and the amounts with it:
+    the log is then conditioned there with the effect as well.
 
     Parameters
     ----------
@@ -45,11 +50,30 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = Fal
     one = after.accepted[-1]
     if one.effect.structure.delays:
         return None
-    wave = bool(one.effect.order or one.effect.electrical_order)
     default = default_cutoff(case.record.prepared.rate)  # a wider one is that of the fast part of the drive signal
     if len(case.record.mask) > FEW:
         forget_effects(case.record)
-    half = conditioned_in(0.5 * (case.record.cutoff if wave else min(case.record.cutoff, default)), case)
+    band = 0.5 * (case.record.cutoff if _is_wave(one) else min(case.record.cutoff, default))
+    refusal = _unlike_in(conditioned_in(band, case), case, before, after, surely)
+    if refusal is None or not _is_most(before, after, case.policy):
+        return refusal
+    return _unlike_in(_in_band(case, band=band, shown=fitted_design(case.design, after)), case, before, after, surely)
+
+
+def _is_wave(one: Accepted) -> bool:
+    return bool(one.effect.order or one.effect.electrical_order)
+
+
+def _is_most(before: Fitted, after: Fitted, policy: Policy) -> bool:
+    """Whether the last effect is most of what the residual has above its noise floor."""
+    whole = before.plain.chi2
+    return whole - after.plain.chi2 >= policy.above_floor * (whole - before.plain.rows)
+
+
+def _unlike_in(half: Case | None, case: Case, before: Fitted, after: Fitted, surely: bool) -> Refusal | None:
+    """Return that the amounts of the last effect are others in a narrower band."""
+    one = after.accepted[-1]
+    wave, structure = _is_wave(one), one.effect.structure
     unknown = Refusal(Reason.OTHER_BAND, {"percent": 0.0}) if surely and not wave else None
     if half is None:
         return unknown
@@ -60,7 +84,6 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = Fal
     weights = part.size**2 * whole.values  # amounts of other units count by the torque that they make
     scale = float(weights @ whole.values)
     left, stderr = float(weights @ part.values) / scale, math.sqrt(float(weights**2 @ part.stderr**2)) / scale
-    structure = one.effect.structure
     # a minor gap that surely is the same up to a factor is confirmed by twice as much elsewhere
     fixed = not structure.has_memory or (structure.unlike_rivals and not surely)
     return criteria.same_in_half(left, stderr, case.policy, surely, fixed)
@@ -84,13 +107,17 @@ def conditioned_in(band: float, case: Case) -> Case | None:
     """
     if band in case.bands:
         return case.bands[band]
-    try:
-        found = None if case.in_band is None else case.in_band(band=band, first=case)
-    except LogError:
-        found = None
+    found = _in_band(case, band=band, first=case)
     if len(case.record.mask) <= SINGLE:  # what is kept of a long log is large
         case.bands[band] = found
     return found
+
+
+def _in_band(case: Case, **how: Any) -> Case | None:
+    try:
+        return None if case.in_band is None else case.in_band(**how)
+    except LogError:
+        return None
 
 
 def without_events(case: Case, events: tuple[Event, ...]) -> Case:

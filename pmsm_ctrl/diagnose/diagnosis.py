@@ -27,7 +27,7 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import notices as words
-from pmsm_ctrl.diagnose.bands import conditioned_in, without_events
+from pmsm_ctrl.diagnose.bands import conditioned_in, unlike_in_half, without_events
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.events import events_of
@@ -47,9 +47,6 @@ from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.unexplained import unexplained
 from pmsm_ctrl.diagnose.verdict import explains_most
-from pmsm_ctrl.diagnose.measures import excess_of
-from pmsm_ctrl.diagnose.bands import unlike_in_half
-from pmsm_ctrl.diagnose.selection import with_trial
 from pmsm_ctrl.diagnose.written import as_written
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
@@ -199,7 +196,6 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
         if waves.steps and order_of(waves.accepted[0], case.design.motor.p or 0) in case.too_fast:
             return _answered(wide, waves, plan, progress)
     selection = _select(case, progress=progress, taken=taken)
-    case, selection = with_largest_shown(case, selection, lambda other: _select(other, progress=lambda share: progress(0.9)))
     shown = set() if selection.steps else significant(selection.fit, case.policy)
     minor = replace(case, minor_too=True, remarks=(*case.remarks, words.MINOR_PART()))
     small = selection  # any other refusal would be the same again; and `_answered` forgets the columns
@@ -297,8 +293,7 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
     selection = replace(selection, fits=(*selection.fits[:-1], last))
     del last
     structure = None
-    # each fit has weights of its own: an effect never makes a model explain less
-    if any(explains_most(fit, case.policy) for fit in (selection.fit, selection.fits[0])) or same:
+    if same or _explains_most(case, selection):
         structure = unexplained(selection, case.policy)
     else:  # what most of the torque is, no name can tell
         selection = Selection((case.fit(()),), (), selection.refused)
@@ -306,38 +301,17 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
     return case, outcome(case, selection, structure, experiment)
 
 
-LARGE = 0.9
-
-
-def with_largest_shown(case: Case, found: Selection, select: Callable[[Case], Selection]) -> tuple[Case, Selection]:
-    if found.steps or case.conditioned_with is None or not found.fit.trials:
-        return case, found
-    fit = found.fit
-    trial = max(fit.trials, key=lambda t: t.plain_gain)
-    explained, excess = excess_of(fit.plain, trial, trial.plain_gain)
-    import sys
-    if excess < LARGE or explained < 0.5 or trial.wrong_sign or trial.singular:
-        return case, found
-    D = fitted_design(case.design, with_trial(case, fit, trial))
-    other = case.conditioned_with(D, case)
-    other = replace(other, remarks=case.remarks, bands={}, in_band=partial(case.in_band, shown=D))
-    other = without_what_happened_once(other)
-    again = select(other)
-    print("LARGE", name_of(trial), found.refused.get(name_of(trial)), "%.3f %.3f" % (explained, excess), "->", [name_of(s.trial) for s in again.steps], again.refused.get(name_of(trial)), flush=True)
-    stands = bool(again.steps) and trial.candidate.effect.id == again.accepted[0].effect.id
-    return (other, again) if stands else (case, found)
-
-
-def _same_beside_noise(case: Case, selection: Selection) -> bool:
-    if not selection.steps or any(explains_most(fit, case.policy) for fit in (selection.fit, selection.fits[0])):
+def _same_beside_noise(case: Case, found: Selection) -> bool:
+    """Whether the torque is mostly noise, and every effect surely of the same size in half the band: noise is not."""
+    if not found.steps or _explains_most(case, found) or not explains_most(found.fit, case.policy, beside_noise=True):
         return False
-    if not explains_most(selection.fit, case.policy, False):
-        return False
-    case = replace(case, bands={})
-    pairs = zip(selection.fits, selection.fits[1:], strict=False)
-    r = [unlike_in_half(case, before, after, True) for before, after in pairs]
-    print("BESIDE NOISE", [name_of(s.trial) for s in selection.steps], r, flush=True)
-    return not any(r)
+    pairs = zip(found.fits, found.fits[1:], strict=False)
+    return all(unlike_in_half(case, before, after, surely=True) is None for before, after in pairs)
+
+
+def _explains_most(case: Case, found: Selection) -> bool:
+    # each fit has weights of its own: an effect never makes a model explain less
+    return any(explains_most(fit, case.policy) for fit in (found.fit, found.fits[0]))
 
 
 def conditioned_again(case: Case, found: Selection, select: Callable[[Case], Selection]) -> tuple[Case, Selection]:

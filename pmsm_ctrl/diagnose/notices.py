@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
-from pmsm_ctrl.diagnose.result import Calibration
 from pmsm_ctrl.section import Notice, Template
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.diagnose.result import Calibration
 
 __all__ = [
     "ABOVE_FLOOR",

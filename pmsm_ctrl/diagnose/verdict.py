@@ -27,7 +27,7 @@ from pmsm_ctrl.section import Notice
 __all__ = ["explains_most", "judged", "open_questions"]
 
 
-def explains_most(fit: Fitted, policy: Policy = POLICY, noise_too: bool = True) -> bool:
+def explains_most(fit: Fitted, policy: Policy = POLICY, beside_noise: bool = False) -> bool:
     """Whether a model explains most of the torque that is not noise, and not much less than is noise.
 
     A load that no model knows may be taken for noise: where noise is most of the torque, the two cannot be told apart.
@@ -36,9 +36,11 @@ def explains_most(fit: Fitted, policy: Policy = POLICY, noise_too: bool = True) 
     ----------
     fit : Fitted
     policy : Policy
+    beside_noise : bool
+        Whether noise may be any part of the torque.
     """
     torque = level_of(fit, 0)
-    least = max(torque.explicable, 1.0 - torque.explicable) if noise_too else torque.explicable
+    least = torque.explicable if beside_noise else max(torque.explicable, 1.0 - torque.explicable)
     return torque.explained >= policy.explained_torque * least
 
 
