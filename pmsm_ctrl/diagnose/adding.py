@@ -10,8 +10,9 @@ from pmsm_ctrl.diagnose.addition import Addition
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.diagnosis import condition
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design
-from pmsm_ctrl.diagnose.fitted_design import at_bounds, base_parameters, fitted_design, fitted_parameters
+from pmsm_ctrl.diagnose.fitted_design import base_parameters, fitted_design, fitted_parameters
 from pmsm_ctrl.diagnose.measures import squares
+from pmsm_ctrl.diagnose.notices import at_bounds
 from pmsm_ctrl.diagnose.outcome import errors_table
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.polish import Polish, polished

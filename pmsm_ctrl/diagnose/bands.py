@@ -65,9 +65,8 @@ def _is_wave(one: Accepted) -> bool:
 
 
 def _is_most(before: Fitted, after: Fitted, policy: Policy) -> bool:
-    """Whether the last effect is most of what the residual has above its noise floor."""
-    whole = before.plain.chi2
-    return whole - after.plain.chi2 >= policy.above_floor * (whole - before.plain.rows)
+    """Whether the last effect is most of the whole residual."""
+    return after.plain.chi2 <= (1.0 - policy.above_floor) * before.plain.chi2
 
 
 def _unlike_in(half: Case | None, case: Case, before: Fitted, after: Fitted, surely: bool) -> Refusal | None:

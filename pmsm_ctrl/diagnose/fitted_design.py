@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import BASE, Fitted
-from pmsm_ctrl.diagnose.notices import ESTIMATE_AT_BOUND
 from pmsm_ctrl.diagnose.shapes import searched
 from pmsm_ctrl.regression.total_inertia import with_total_inertia
 from pmsm_ctrl.result import Estimate
-from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["at_bounds", "base_parameters", "fitted_design", "fitted_parameters", "with_errors"]
+__all__ = ["base_parameters", "fitted_design", "fitted_parameters", "with_errors"]
 
 Quantities = Callable[[Mapping[str, float]], Mapping[str, float]]  # of a shape and the values of its columns
 
@@ -86,18 +84,6 @@ def base_parameters(given: Design, fit: Fitted) -> dict[str, Estimate]:
         stderr = float("nan") if k in fit.estimate.held else float(fit.estimate.stderr[k])
         found[name] = Estimate(float(fit.estimate.values[k]), unit, stderr, nominal, fit.profiles.get((BASE, name)))
     return found
-
-
-def at_bounds(fit: Fitted) -> Iterator[Notice]:
-    """Yield which parameters stay at their bounds.
-
-    Parameters
-    ----------
-    fit : Fitted
-    """
-    for k, bound in fit.estimate.held.items():
-        value, stderr = float(fit.plain.values[k]), float(fit.plain.stderr[k])
-        yield ESTIMATE_AT_BOUND(parameter=fit.model.names[k], bound=bound, value=value, stderr=stderr)
 
 
 def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:

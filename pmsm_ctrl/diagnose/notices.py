@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
+from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.result import Calibration
 from pmsm_ctrl.section import Notice, Template
-
-if TYPE_CHECKING:
-    from pmsm_ctrl.diagnose.result import Calibration
 
 __all__ = [
     "ABOVE_FLOOR",
@@ -53,6 +51,7 @@ __all__ = [
     "WINDING_IMPOSSIBLE",
     "WINDING_SUBSTITUTE",
     "Doubt",
+    "at_bounds",
     "calibration_text",
     "errors_caption",
     "of_calibration",
@@ -305,3 +304,15 @@ def of_calibration(found: Calibration, policy: Policy = POLICY) -> tuple[Notice,
     if len(found.alarms) <= policy.alarms * found.runs:
         return ()
     return (NOT_CALIBRATED(calibration=calibration_text(found)),)
+
+
+def at_bounds(fit: Fitted) -> Iterator[Notice]:
+    """Yield which parameters stay at their bounds.
+
+    Parameters
+    ----------
+    fit : Fitted
+    """
+    for k, bound in fit.estimate.held.items():
+        value, stderr = float(fit.plain.values[k]), float(fit.plain.stderr[k])
+        yield ESTIMATE_AT_BOUND(parameter=fit.model.names[k], bound=bound, value=value, stderr=stderr)

@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviations, winding_substitutes
 from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
 from pmsm_ctrl.diagnose.fit import Fitted
-from pmsm_ctrl.diagnose.fitted_design import at_bounds, base_parameters, fitted_design, fitted_parameters
+from pmsm_ctrl.diagnose.fitted_design import base_parameters, fitted_design, fitted_parameters
 from pmsm_ctrl.diagnose.judging import Evidence
 from pmsm_ctrl.diagnose.limits import amounts_that_gain, detection_limits
 from pmsm_ctrl.diagnose.policy import Policy
@@ -77,7 +77,7 @@ def outcome(
         *([blind] if blind is not None else []),
         *(notices.EFFECT_NOT_EXCITED(effect=name, why=str(why)) for name, why in hidden.items()),
         *winding_substitutes(selection, policy),
-        *at_bounds(final),
+        *notices.at_bounds(final),
         *_limits(final),
         *([left] if left is not None else []),
     )
