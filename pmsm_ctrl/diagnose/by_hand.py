@@ -110,7 +110,7 @@ class Stepwise(Result):
         left = self._fit.plain.chi2
         out = [
             Ranked(name_of(trial), min(1.0, max(0.0, trial.plain_gain / left)) if left > 0.0 else 0.0, p_value, refusal)
-            for trial, p_value, refusal in judged_trials(self._fit, self._case.policy)
+            for trial, p_value, refusal in judged_trials(self._fit, self._case.policy, self._case)
         ]
         closed = [
             Ranked(one.effect.id, 0.0, 1.0, Refusal(Reason.UNAVAILABLE, {"why": one.why_not or "it has no column"}))

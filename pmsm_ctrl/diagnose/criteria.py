@@ -215,16 +215,19 @@ def beside_rivals(
     return Refusal(Reason.EXPLAINED_BY_RIVALS, {"percent": explained, "gain": found.gain, "stderr": found.stderr})
 
 
-def beside_ripple(gain: float, ripple: float, policy: Policy = POLICY) -> Refusal | None:
-    """Check that an effect explains more than the reluctance torque of a current ripple that no channel holds.
+def beside_ripple(gain: float, ripple: float, logged: float, policy: Policy = POLICY) -> Refusal | None:
+    """Check that an effect explains more than the reluctance torque of a current ripple.
+
+    What any ripple explains is flexible enough to be a friction curve. One that is there has a part in the log.
 
     Parameters
     ----------
-    gain, ripple : float
-        Fall of the sum of squares by either, in units of the noise.
+    gain, ripple, logged : float
+        Fall of the sum of squares by the effect, by any ripple, and by the one that the log shows, in units of the
+        noise.
     policy : Policy
     """
-    if (1.0 - policy.tied_share) * gain > ripple:
+    if (1.0 - policy.tied_share) * gain > ripple or logged < policy.above_floor * gain:
         return None
     return Refusal(Reason.LIKE_RIPPLE, {"percent": 100.0 * min(ripple / gain, 1.0)})
 

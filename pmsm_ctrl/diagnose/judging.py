@@ -18,13 +18,11 @@ from pmsm_ctrl.diagnose.measures import (
     has_own_order,
     in_band,
     in_doubt,
-    judged_gain,
     left_inside,
     machine_of,
     plain_errors,
     prewhitened_error,
     record_deviation,
-    ripple_gain,
     sized,
     sound_error,
     typical_error,
@@ -128,8 +126,6 @@ def judge_trial(
         refusal = criteria.barely_confirmed(found, policy)
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
         refusal = criteria.beside_rivals(*beside, policy, surely)
-    if refusal is None and [row for row, _ in trial.group.entering] == [0]:
-        refusal = criteria.beside_ripple(judged_gain(fit, trial)[1], ripple_gain(fit, trial), policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found, barely)
 
 

@@ -18,7 +18,6 @@ from pmsm_ctrl.regression.columns import Group, effect_group, seen_as_candidate
 from pmsm_ctrl.regression.model import Model, Solved, solve_model, solve_on_factors
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.regression.records import LEVELS
-from pmsm_ctrl.regression.reluctance import ripple_torques
 from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = [
@@ -40,7 +39,6 @@ __all__ = [
     "plain_errors",
     "prewhitened_error",
     "record_deviation",
-    "ripple_gain",
     "seen_beyond",
     "sized",
     "slight",
@@ -106,27 +104,6 @@ def with_rivals(fit: Fitted, trial: Trial) -> Model | None:
         return None
     symbols = tuple(f"rival {k + 1}" for k in range(len(parts)))
     return fit.model.plus(Group(None, symbols, record.stack_all(parts), {}), 1.0)
-
-
-def ripple_gain(fit: Fitted, trial: Trial) -> float:
-    """Return the fall of the sum of squares that judged a trial by a current ripple in its place; 0 without saliency.
-
-    Parameters
-    ----------
-    fit : Fitted
-    trial : Trial
-    """
-    solved, whitener = (fit.plain, fit.weights) if trial.by_weights else (fit.solved, fit.whitener)
-    parts = [{"torque": torque} for torque in ripple_torques(fit.record)]
-    while parts:
-        symbols = tuple(f"ripple {k + 1}" for k in range(len(parts)))
-        model = fit.model.plus(Group(None, symbols, fit.record.stack_all(parts), {}), 1.0)
-        beside = solve_model(fit.record, model, whitener, solved)
-        drags = beside.values[-len(parts) :] >= 0.0
-        if drags.all():
-            return solved.chi2 - beside.chi2
-        parts = [part for part, drag in zip(parts, drags, strict=True) if drag]
-    return 0.0
 
 
 def machine_of(design: Design, fit: Fitted, tolerance: float) -> dict[str, Machine]:

@@ -12,6 +12,7 @@ from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.judging import Evidence, judge_holdout, judge_refit, judge_sampling, judge_size, judge_trial
+from pmsm_ctrl.diagnose.like_ripple import like_ripple
 from pmsm_ctrl.diagnose.look_alikes import equivalents, nearly_in_model, same_order
 from pmsm_ctrl.diagnose.measures import slight
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
@@ -167,6 +168,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
             continue
         largest, barely_too = selection.largest_beside(trial), not (number or minor_too or case.surely)
         judged = judge_trial(fit, trial, p_holm, case.policy, largest, minor_too, barely_too)
+        judged = judged if isinstance(judged, Refusal) else like_ripple(case, fit, trial) or judged
         if isinstance(judged, Refusal):
             refused[name] = judged
             continue
@@ -208,7 +210,9 @@ def with_sampling_told(case: Case, selection: Selection) -> Selection:
     return replace(selection, refused=refused)
 
 
-def judged_trials(fit: Fitted, policy: Policy = POLICY) -> list[tuple[Trial, float, Refusal | None]]:
+def judged_trials(
+    fit: Fitted, policy: Policy = POLICY, case: Case | None = None
+) -> list[tuple[Trial, float, Refusal | None]]:
     """Return every candidate, its p-value corrected for their number, and what refuses it before a refit.
 
     Parameters
@@ -216,6 +220,8 @@ def judged_trials(fit: Fitted, policy: Policy = POLICY) -> list[tuple[Trial, flo
     fit : Fitted
         With its trials.
     policy : Policy
+    case : Case, optional
+        For the ripple of the current that the log shows.
 
     Returns
     -------
@@ -225,7 +231,10 @@ def judged_trials(fit: Fitted, policy: Policy = POLICY) -> list[tuple[Trial, flo
     out = []
     for trial, p_holm in zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True):
         judged = judge_trial(fit, trial, p_holm, policy)
-        out.append((trial, p_holm, judged if isinstance(judged, Refusal) else None))
+        refusal = judged if isinstance(judged, Refusal) else None
+        if refusal is None and case is not None:
+            refusal = like_ripple(case, fit, trial)
+        out.append((trial, p_holm, refusal))
     return out
 
 
@@ -259,6 +268,7 @@ def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Re
     if isinstance(judged, Refusal) and judged.reason is Reason.MINOR and first:
         minor_too, small = True, judge_trial(before, trial, p_holm, case.policy, minor_too=True)
         judged = judged if isinstance(small, Refusal) else small
+    judged = judged if isinstance(judged, Refusal) else like_ripple(case, before, trial) or judged
     if isinstance(judged, Refusal):
         return judged
     refusal = judge_refit(before, after, trial, case.policy) or judge_holdout(case, before, after)

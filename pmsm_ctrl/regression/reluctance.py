@@ -12,15 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.kernels.balance import torque_em
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.timing import uniform
 
-__all__ = ["ripple_torques"]
+__all__ = ["logged_ripple_torque", "ripple_torques"]
 
 Array = NDArray[np.float64]
 
 # Powers of speed and acceleration. A step of a held reference grows with the acceleration, and that of a held position
 # with the speed: the square of their sum, times the speed, has these terms.
 RIPPLES = ((1, 2), (2, 1), (3, 0))
+FILTERED = 0.2  # share of a log's rate up to which its filters reach
 
 
 def ripple_torques(record: Record) -> list[Array]:
@@ -42,6 +46,27 @@ def ripple_torques(record: Record) -> list[Array]:
     largest = -torque_em.py_func(motor.p, 0.0, motor.L_d, motor.L_q, current, current)  # the balance has it as a load
     speed, rate = (_slow(record, signals[name]) for name in ("omega", "alpha"))
     return [largest * speed**m * rate**n for m, n in RIPPLES]
+
+
+def logged_ripple_torque(record: Record, log: Log) -> Array:
+    """Return speed times the mean square of what the logged drive signal holds above the band, shape (n,).
+
+    A log holds a part of the current's ripple, whatever of it a mean, a filter or a command takes away: all of it grows
+    and falls with that part.
+
+    Parameters
+    ----------
+    record : Record
+    log : Log
+        As it was logged: what is filtered into the band holds no ripple.
+    """
+    t, channels, good, _ = uniform(log)
+    drive = channels["torque" if "torque" in channels else "i_q"]
+    rate = (len(t) - 1) / float(t[-1] - t[0])
+    cutoff = min(record.cutoff, FILTERED * rate)
+    fast = np.where(good, drive - low_pass(drive, rate, cutoff), 0.0)
+    power = np.interp(record.prepared.t, t, low_pass(fast**2, rate, cutoff))
+    return power * _slow(record, record.signals["omega"])
 
 
 def _slow(record: Record, values: Array) -> Array:

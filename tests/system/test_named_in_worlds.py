@@ -366,3 +366,47 @@ def test_edges_that_no_sample_caught_are_no_filter(seed: int) -> None:
     found = diagnose(world.design, simulate_world(world), plan=False)
     assert found.steps == ()
     assert found.timing.lag == 0.0
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect", "hidden"),
+    [
+        (2100196, "cogging", {"wave": 1.120484, "wave_order": 12.0, "wave_phase": 5.15822}),
+        slow(
+            1901316, "backlash",
+            {"gap": 1.141507e-4, "load_inertia": 21.09111, "stiffness": 18734480.0, "damping": 7951.161},
+        ),
+    ],
+)  # fmt: skip
+def test_half_the_band_is_conditioned_with_an_effect_that_is_most_of_the_residual(
+    seed: int, effect: str, hidden: dict[str, float]
+) -> None:
+    """Margins 9.9 and 11.3: without the effect, half the band found a sampling that is wrong by milliseconds."""
+    world = draw(seed)
+    found = diagnose(world.design, simulate_world(world, hidden), plan=False)
+    assert [step.effect for step in found.steps] == [effect]
+
+
+def test_a_wave_above_the_band_is_seen_through_the_filter_of_the_drive_signal() -> None:
+    world = draw(2101492)  # margin 6.5; a first order of 3.8 ms halves the wave above the band
+    hidden = {"wave": 0.07417452, "wave_order": 12.0, "wave_phase": 2.887055}
+    found = diagnose(world.design, simulate_world(world, hidden), plan=False)
+    assert [step.effect for step in found.steps] == ["cogging"]
+    assert world.lag == pytest.approx(3.8e-3, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect", "hidden"),
+    [
+        (2500479, "unbalance", {"wave": 6.253671, "wave_order": 1.0, "wave_phase": 3.424293}),
+        slow(2501110, "cogging", {"wave": 15.58147, "wave_order": 36.0, "wave_phase": 4.667549}),
+    ],
+)
+def test_a_name_that_half_the_band_confirms_is_kept_where_most_of_the_torque_is_noise(
+    seed: int, effect: str, hidden: dict[str, float]
+) -> None:
+    """Margins 4.4 and 5.3; 80 and 70 % of the torque are noise."""
+    world = draw(seed)
+    found = diagnose(world.design, simulate_world(world, hidden), plan=False)
+    assert [step.effect for step in found.steps] == [effect]
+    assert found.errors["final"]["torque"]["relative"] > 0.8

@@ -118,11 +118,12 @@ def test_what_is_left_of_a_minor_effect_beside_its_rivals_must_be_sure() -> None
 
 
 def test_an_effect_must_explain_more_than_a_ripple_of_the_current() -> None:
-    assert criteria.beside_ripple(1000.0, 989.0) is None
-    refusal = criteria.beside_ripple(1000.0, 991.0)
+    assert criteria.beside_ripple(1000.0, 989.0, 989.0) is None
+    assert criteria.beside_ripple(1000.0, 991.0, 499.0) is None, "a ripple of which the log shows nothing"
+    refusal = criteria.beside_ripple(1000.0, 991.0, 501.0)
     assert reason(refusal) is Reason.LIKE_RIPPLE
     assert str(refusal).startswith("not distinguishable from the reluctance torque of a current ripple (99 % of it)")
-    assert criteria.beside_ripple(5.0, 0.0) is None, "a motor without saliency"
+    assert criteria.beside_ripple(5.0, 0.0, 0.0) is None, "a motor without saliency"
 
 
 def test_the_size_that_a_shape_carries_must_be_determined() -> None:

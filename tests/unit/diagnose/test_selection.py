@@ -93,6 +93,7 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
             return Refusal(found) if found else None
 
         monkeypatch.setattr(rounds, "judge_trial", judge)
+        monkeypatch.setattr(rounds, "like_ripple", lambda case, fit, one: given.get("ripple", {}).get(name_of(one)))
         monkeypatch.setattr(rounds, "judge_refit", refit)
         monkeypatch.setattr(rounds, "judge_holdout", lambda *a: None)
         monkeypatch.setattr(rounds, "unlike_in_half", lambda *a: given.get("asked", []).append(a[-1]))
@@ -119,6 +120,12 @@ def test_the_first_that_passes_is_accepted_and_the_better_ones_are_refused(round
     assert {name: why.reason for name, why in found.refused.items()} == {
         "a": Reason.NOT_SIGNIFICANT, "b": Reason.BALANCE_WORSE,
     }  # fmt: skip
+
+
+def test_what_a_ripple_of_the_current_explains_is_refused_before_the_refit(round_of: Any) -> None:
+    found = round_of(["a", "b"], {}, {"a": Reason.BALANCE_WORSE}, ripple={"a": Refusal(Reason.LIKE_RIPPLE)})
+    assert found.fit.accepted == ("b",)
+    assert found.refused["a"].reason is Reason.LIKE_RIPPLE
 
 
 def test_an_effect_whose_size_is_not_determined_is_refused(round_of: Any) -> None:

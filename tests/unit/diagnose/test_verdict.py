@@ -226,6 +226,13 @@ def test_a_model_explains_most_of_what_is_no_noise_and_half_as_much_as_is(
     assert explains_most(fit_of(measured=size, left=size * (1.0 - explained) ** 0.5)) is most
 
 
+@pytest.mark.parametrize(("explained", "most"), [(0.11, True), (0.09, False)])
+def test_beside_noise_a_model_explains_half_of_what_is_none(explained: float, most: bool) -> None:
+    fit = fit_of(measured=0.8**-0.5, left=((1.0 - explained) / 0.8) ** 0.5)
+    assert explains_most(fit, beside_noise=True) is most
+    assert not explains_most(fit)
+
+
 # of 3 the load makes more than half of what is above the noise floor at the wave's frequencies: it is minor beside that
 @pytest.mark.parametrize(("seed", "minor"), [(1, False), slow(4, False), slow(3, True)])
 def test_no_effect_is_named_where_most_of_the_torque_is_unexplained(seed: int, minor: bool) -> None:

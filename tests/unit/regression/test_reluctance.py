@@ -16,7 +16,7 @@ from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import STANDSTILL, make_record
 from pmsm_ctrl.regression.conditioning import Processing
-from pmsm_ctrl.regression.reluctance import ripple_torques
+from pmsm_ctrl.regression.reluctance import logged_ripple_torque, ripple_torques
 from tests.effort import seeds
 
 Array = NDArray[np.float64]
@@ -50,8 +50,11 @@ def test_the_drag_grows_with_speed_and_with_the_square_of_the_ripple() -> None:
     assert drag_of_ripple(50.0, 1.5) == pytest.approx(9.0 * one, rel=1e-6)
 
 
-def log_of(seed: int) -> tuple[Log, Array]:
-    """Sines of the speed, a torque without the ripple's part, and that part."""
+def log_of(seed: int, shown: float = 0.0) -> tuple[Log, Array]:
+    """Sines of the speed, a torque without the ripple's part, and that part.
+
+    `shown` is the share of the ripple of i_q that the samples hold.
+    """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 12.0, 2e-3)
     waves = [(60.0, 0.31, 0.3), (40.0, 0.83, 1.9)]
@@ -64,7 +67,8 @@ def log_of(seed: int) -> tuple[Log, Array]:
     ripple = 0.002 * alpha + 0.05 * omega
     drag = drag_of_ripple(1.0, 1.0) * omega * ripple**2
     torque = J * alpha + F_C * np.sign(omega) + F_V * omega + drag
-    return Log({"t": t, "theta": theta, "torque": torque + rng.normal(0.0, 2e-4, len(t))}), drag
+    samples = shown * 1.5 * P * PSI_F * ripple * np.where(np.arange(len(t)) % 2, 1.0, -1.0)
+    return Log({"t": t, "theta": theta, "torque": torque + samples + rng.normal(0.0, 2e-4, len(t))}), drag
 
 
 def test_its_terms_span_the_drag_of_a_held_reference() -> None:
@@ -81,6 +85,15 @@ def test_its_terms_span_the_drag_of_a_held_reference() -> None:
     assert ripple_torques(replace(record, design=design(L_D))) == []
 
 
+@pytest.mark.parametrize("shown", [1.0, 0.1])
+def test_it_follows_from_what_the_log_shows_of_the_ripple(shown: float) -> None:
+    log, drag = log_of(1, shown)
+    record = make_record(design(), log, Processing(standstill=STANDSTILL, cutoff=40.0))
+    (column,) = np.linalg.lstsq((seen := logged_ripple_torque(record, log))[:, None], drag, rcond=None)[0]
+    inside = slice(250, -250)
+    assert float(np.sum((drag - column * seen)[inside] ** 2)) < 1e-2 * float(drag[inside] @ drag[inside])
+
+
 def test_instants_of_both_currents_hold_it() -> None:
     log, _ = log_of(1)
     log = Log(
@@ -94,10 +107,16 @@ def test_instants_of_both_currents_hold_it() -> None:
 @pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_salient_motor_has_no_drag_that_a_ripple_explains_as_well(seed: int) -> None:
     """Friction curves in clean logs of salient motors were this, and gone with L_d = L_q (worlds 720137, 740007)."""
-    log, _ = log_of(seed)
+    log, _ = log_of(seed, shown=0.1)
     found = diagnose(design(), log, plan=False, candidates=CURVES)
     assert not found.steps
     reasons = {one.effect: one.refusal.reason for one in found.ranking if one.refusal is not None}
     assert Reason.LIKE_RIPPLE in (reasons["viscous_power"], reasons["quadratic_drag"])
     assert found.verdict != "consistent"
     assert diagnose(design(L_D), log, plan=False, candidates=CURVES).steps, "without saliency it is a drag"
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2))
+def test_a_drag_without_a_ripple_in_the_log_is_one(seed: int) -> None:
+    log, _ = log_of(seed)
+    assert diagnose(design(), log, plan=False, candidates=CURVES).steps
