@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.model import solve_model
-from pmsm_ctrl.regression.reluctance import logged_ripple_torque, ripple_torques
+from pmsm_ctrl.regression.reluctance import holds_ripple, logged_ripple_torque, ripple_torques
 
 __all__ = ["like_ripple"]
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def like_ripple(case: Case, fit: Fitted, trial: Trial) -> Refusal | None:
-    """Return that a ripple of the current explains as much as an effect on the torque, and that the log shows one.
+    """Return that a ripple of the current explains as much as an effect on the torque, and none that the log lacks.
 
     Parameters
     ----------
@@ -35,10 +35,10 @@ def like_ripple(case: Case, fit: Fitted, trial: Trial) -> Refusal | None:
     if [row for row, _ in trial.group.entering] != [0]:
         return None
     terms = ripple_torques(fit.record)
-    any_ripple = _gain(fit, trial, terms)
-    logged = any_ripple
-    if terms and case.believed is not None:
-        logged = _gain(fit, trial, [logged_ripple_torque(fit.record, case.believed.log)])
+    logged = any_ripple = _gain(fit, trial, terms)
+    if terms and case.believed is not None and holds_ripple(case.believed.log):
+        log = fit.record.timing.undone(case.believed.log)
+        logged = _gain(fit, trial, [logged_ripple_torque(fit.record, log)])
     return criteria.beside_ripple(judged_gain(fit, trial)[1], any_ripple, logged, case.policy)
 
 

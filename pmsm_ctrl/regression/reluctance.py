@@ -17,7 +17,7 @@ from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.timing import uniform
 
-__all__ = ["logged_ripple_torque", "ripple_torques"]
+__all__ = ["holds_ripple", "logged_ripple_torque", "ripple_torques"]
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 # with the speed: the square of their sum, times the speed, has these terms.
 RIPPLES = ((1, 2), (2, 1), (3, 0))
 FILTERED = 0.2  # share of a log's rate up to which its filters reach
+# The shortest time for which a reference is held whose ripple matters, s; the ripple grows with the square of that time.
+HELD = 1e-3
 
 
 def ripple_torques(record: Record) -> list[Array]:
@@ -48,17 +50,29 @@ def ripple_torques(record: Record) -> list[Array]:
     return [largest * speed**m * rate**n for m, n in RIPPLES]
 
 
+def holds_ripple(log: Log) -> bool:
+    """Whether a log has two samples and more in the time for which a reference is held: then it shows its ripple.
+
+    A mean over that time, or instants in step with it, hold nothing of it.
+
+    Parameters
+    ----------
+    log : Log
+    """
+    return round(HELD / log.period, 3) >= 2.0
+
+
 def logged_ripple_torque(record: Record, log: Log) -> Array:
     """Return speed times the mean square of what the logged drive signal holds above the band, shape (n,).
 
-    A log holds a part of the current's ripple, whatever of it a mean, a filter or a command takes away: all of it grows
-    and falls with that part.
+    Such a log holds a part of the current's ripple, whatever of it a mean, a filter or a command takes away: all of it
+    grows and falls with that part.
 
     Parameters
     ----------
     record : Record
     log : Log
-        As it was logged: what is filtered into the band holds no ripple.
+        At its own rate, before any filter.
     """
     t, channels, good, _ = uniform(log)
     drive = channels["torque" if "torque" in channels else "i_q"]
