@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 # with the speed: the square of their sum, times the speed, has these terms.
 RIPPLES = ((1, 2), (2, 1), (3, 0))
 FILTERED = 0.2  # share of a log's rate up to which its filters reach
-# The shortest time for which a reference is held whose ripple matters, s; the ripple grows with the square of that time.
+# The shortest time for which a reference is held whose ripple matters, s: that grows with the square of the time.
 HELD = 1e-3
 
 
