@@ -188,8 +188,9 @@ def barely_confirmed(found: CrossValidation, policy: Policy = POLICY) -> Refusal
 
 
 def beside_rivals(
-    p_value: float, share: float, found: CrossValidation, policy: Policy = POLICY, surely: bool = False
-) -> Refusal | None:
+    p_value: float, share: float, found: CrossValidation, policy: Policy = POLICY, surely: bool = False,
+    alike: bool = False,
+) -> Refusal | None:  # fmt: skip
     """Check that an effect is significant and confirmed beside its rivals, and that enough of it is left.
 
     Rivals that explain a gap leave a little to it, always: neither of them is exact. The less is left, the surer it has
@@ -200,15 +201,18 @@ def beside_rivals(
     p_value : float
         Beside the rivals, corrected for all candidates and for the shapes searched.
     share : float
-        What is left of its gain beside them; 1 where they resemble the effect by nature.
+        What is left of its gain beside them.
     found : CrossValidation
         Beside them.
     policy : Policy
     surely : bool
         Whether it has to be as sure as where little is left.
+    alike : bool
+        Whether they resemble the effect by nature: then any share will do.
     """
-    sure = share > policy.refused_share and found.gain > policy.block_errors * found.stderr
-    enough = share > policy.left_inside and found.gain > policy.rival_errors * found.stderr and not surely
+    left = 1.0 if alike else share
+    sure = left > policy.refused_share and found.gain > policy.block_errors * found.stderr
+    enough = left > policy.left_inside and found.gain > policy.rival_errors * found.stderr and not surely
     if p_value <= policy.significance and (sure or enough):
         return None
     explained = 100.0 * min(max(1.0 - share, 0.0), 1.0)

@@ -78,7 +78,7 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
     p_value : float
         Corrected for the shapes searched and for the number of candidates.
     share : float
-        What is left of its gain with all of its columns; 1 where rivals resemble the effect by nature.
+        What is left of its gain, with all of its columns where no rival resembles the effect by nature.
     found : CrossValidation
     """
     effect, record, model = trial.candidate.effect, fit.record, with_rivals(fit, trial)
@@ -88,7 +88,7 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
     own = try_group(solved, fit.whitener, trial.candidate, trial.group)
     gains = blocked_gain(record, solved, fit.whitener, trial.group, own.direction, fit.whitener.memory)
     found = CrossValidation(*mean_gain(gains), len(gains), rank_test(gains))
-    share = 1.0
+    share = own.gain / max(trial.gain, 1e-300)
     if effect.structure.unlike_rivals:
         whole, plain = as_a_whole(fit, trial), solve_model(record, model, fit.weights, fit.plain)
         left = try_group(plain, fit.weights, trial.candidate, whole.group)

@@ -410,3 +410,20 @@ def test_a_name_that_half_the_band_confirms_is_kept_where_most_of_the_torque_is_
     found = diagnose(world.design, simulate_world(world, hidden), plan=False)
     assert [step.effect for step in found.steps] == [effect]
     assert found.errors["final"]["torque"]["relative"] > 0.8
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect", "hidden"),
+    [
+        (2500277, "load_dependent_friction", {"load_friction": 0.002420}),
+        slow(2500442, "quadratic_drag", {"drag_gain": 6.263e-6, "drag_power": 2.0}),
+        slow(1901308, "quadratic_drag", {"drag_gain": 1.406e-6, "drag_power": 2.0}),
+    ],
+)
+def test_a_fast_log_without_a_ripple_of_the_current_names_what_one_would_explain(
+    seed: int, effect: str, hidden: dict[str, float]
+) -> None:
+    """Margins 3.5, 3.6 and 8.1; a ripple that no channel holds would explain as much."""
+    world = draw(seed)
+    found = diagnose(world.design, simulate_world(world, hidden), plan=False)
+    assert found.steps[0].effect == effect

@@ -109,6 +109,16 @@ def test_enough_of_an_effect_must_be_left_beside_its_rivals(
     assert reason(refusal) is (None if passes else Reason.EXPLAINED_BY_RIVALS)
 
 
+def test_any_share_will_do_beside_rivals_that_resemble_the_effect_by_nature() -> None:
+    def alike(share: float, gain: float) -> Refusal | None:
+        return criteria.beside_rivals(1e-9, share, CrossValidation(gain, 1.0, 16, 0.001), alike=True)
+
+    assert alike(0.01, 1.1) is None
+    refusal = alike(0.25, 0.9)
+    assert refusal is not None
+    assert str(refusal).startswith("explained to 75 % by channel timing")
+
+
 def test_what_is_left_of_a_minor_effect_beside_its_rivals_must_be_sure() -> None:
     def minor(errors: float) -> Refusal | None:
         return criteria.beside_rivals(1e-9, 0.9, CrossValidation(errors, 1.0, 16, 0.001), surely=True)
