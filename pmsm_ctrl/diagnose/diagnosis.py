@@ -46,7 +46,7 @@ from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, signifi
 from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.unexplained import unexplained
-from pmsm_ctrl.diagnose.verdict import explains_most
+from pmsm_ctrl.diagnose.verdict import explains_most, explains_most_beside_noise
 from pmsm_ctrl.diagnose.written import as_written
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
@@ -303,7 +303,7 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
 
 def _same_beside_noise(case: Case, found: Selection) -> bool:
     """Whether the torque is mostly noise, and every effect surely of the same size in half the band: noise is not."""
-    if not found.steps or _explains_most(case, found) or not explains_most(found.fit, case.policy, beside_noise=True):
+    if not found.steps or _explains_most(case, found) or not explains_most_beside_noise(found.fit, case.policy):
         return False
     pairs = zip(found.fits, found.fits[1:], strict=False)
     return all(unlike_in_half(case, before, after, surely=True) is None for before, after in pairs)

@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.level import Level, level_of
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Deviation
-from pmsm_ctrl.diagnose.verdict import explains_most, judged
+from pmsm_ctrl.diagnose.verdict import explains_most, explains_most_beside_noise, judged
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.drive_timing import DriveTiming
@@ -226,10 +226,15 @@ def test_a_model_explains_most_of_what_is_no_noise_and_half_as_much_as_is(
     assert explains_most(fit_of(measured=size, left=size * (1.0 - explained) ** 0.5)) is most
 
 
-@pytest.mark.parametrize(("explained", "most"), [(0.11, True), (0.09, False)])
-def test_beside_noise_a_model_explains_half_of_what_is_none(explained: float, most: bool) -> None:
+@pytest.mark.parametrize(
+    ("explained", "frequency", "most"), [(0.11, 30.0, True), (0.09, 30.0, False), (0.11, 10.0, False)]
+)
+def test_beside_noise_a_model_explains_half_of_what_is_none(explained: float, frequency: float, most: bool) -> None:
+    """Eight tenths of the torque are noise; what is slower than half of the band may be a load."""
     fit = fit_of(measured=0.8**-0.5, left=((1.0 - explained) / 0.8) ** 0.5)
-    assert explains_most(fit, beside_noise=True) is most
+    t = np.arange(len(fit.record.mask)) / fit.record.rate
+    fit.residual = float(np.abs(fit.residual[0, 0])) * 2.0**0.5 * np.sin(2.0 * np.pi * frequency * t)[None]
+    assert explains_most_beside_noise(fit) is most
     assert not explains_most(fit)
 
 
