@@ -15,31 +15,11 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 
 __all__ = [
-    "CrossValidation",
-    "Machine",
-    "barely_confirmed",
-    "beside_larger",
-    "beside_ripple",
-    "beside_rivals",
-    "beyond_sampling",
-    "cross_validation",
-    "determined",
-    "error_lowered",
-    "holdout",
-    "inside_bounds",
-    "inside_tolerance",
-    "left_inside",
-    "no_balance_worse",
-    "no_contradiction",
-    "no_plain_error_worse",
-    "no_voltage_worse",
-    "same_above",
-    "same_in_half",
-    "significance",
-    "signs",
-    "size",
-    "size_of_shape",
-]
+    "CrossValidation", "Machine", "barely_confirmed", "beside_larger", "beside_ripple", "beside_rivals",
+    "beyond_sampling", "cross_validation", "determined", "error_lowered", "holdout", "inside_bounds",
+    "inside_tolerance", "left_inside", "no_balance_worse", "no_contradiction", "no_plain_error_worse",
+    "no_voltage_worse", "same_above", "same_in_half", "significance", "signs", "size", "size_of_shape",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -193,8 +173,7 @@ def beside_rivals(
 ) -> Refusal | None:  # fmt: skip
     """Check that an effect is significant and confirmed beside its rivals, and that enough of it is left.
 
-    Rivals that explain a gap leave a little to it, always: neither of them is exact. The less is left, the surer it has
-    to be.
+    Rivals that explain a gap leave a little to it, always. The less is left, the surer it has to be.
 
     Parameters
     ----------
@@ -227,8 +206,7 @@ def beside_ripple(gain: float, ripple: float, logged: float, policy: Policy = PO
     Parameters
     ----------
     gain, ripple, logged : float
-        Fall of the sum of squares by the effect, by any ripple, and by the one that the log shows, in units of the
-        noise.
+        Fall of the sum of squares by the effect, by any ripple, and by the one that the log shows, over the noise.
     policy : Policy
     """
     if (1.0 - policy.tied_share) * gain > ripple or logged < policy.above_floor * gain:
