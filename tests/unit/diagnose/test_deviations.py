@@ -10,6 +10,7 @@ import pytest
 
 from pmsm_ctrl.diagnose import deviations
 from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviations
+from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.result import Deviation
 from tests.unit.plausibility.drives import believed
 
@@ -62,3 +63,13 @@ def selected(found: tuple[float, ...]) -> Any:
     candidate = SimpleNamespace(effect=SimpleNamespace(label=lambda shape: "dead_time"))
     step = SimpleNamespace(trial=SimpleNamespace(candidate=candidate, group=SimpleNamespace(shape={})))
     return SimpleNamespace(fit=fits[-1], fits=tuple(fits), steps=(step,) * (len(found) - 1))
+
+
+@pytest.mark.parametrize(("assumed", "share"), [(None, 0.07), (1.0, 0.02)])
+def test_a_torque_constant_that_was_assumed_has_not_the_tolerance_of_the_flux(
+    assumed: float | None, share: float
+) -> None:
+    """The paper's own case: K_t = 1 beside a psi_f of 1.032 N m/A, which is known to 7 %."""
+    design = believed(tolerance={"psi_f": 0.07})
+    design = design if assumed is None else design.replace(assumed={"K_t": assumed})
+    assert deviations._allowed(design, POLICY) == share

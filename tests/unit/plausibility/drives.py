@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ R, L, P, PSI, J, F_C, F_V = 2.0, 6e-3, 4, 0.09, 4e-4, 0.05, 4e-4
 K_T = 1.5 * P * PSI
 
 
-def believed(**motor: float) -> Design:
+def believed(**motor: Any) -> Design:
     """The design of the drive, with changes."""
     data = {"R": R, "L_d": L, "L_q": L, "p": P, "psi_f": PSI, "J": J} | motor
     return Design.from_dict({
