@@ -57,7 +57,7 @@ def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[De
 
 
 def _allowed(design: Design, policy: Policy) -> float:
-    """Return the tolerance of the torque constant, as a share: that of psi_f, if it follows from a psi_f that has one."""
+    """Return the tolerance of the torque constant, as a share: that of psi_f, where it follows from such a one."""
     assumed = design.assumed.K_t is not None
     return policy.torque_constant if assumed else design.motor.tolerance.get("psi_f", policy.torque_constant)
 
