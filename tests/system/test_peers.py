@@ -51,7 +51,6 @@ def test_beside_the_base_nothing_of_it_is_left() -> None:
     assert inside.tolist() == [True] + [False] * 6
 
 
-@pytest.mark.slow
 def test_two_logs_of_drives_drawn_at_random() -> None:
     clean, hidden = make(305, False), make(351, True)
     assert clean is not None

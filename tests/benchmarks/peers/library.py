@@ -131,7 +131,7 @@ def library_of(design: Design, log: Log) -> Library:
         columns, effect = trial.group.rows[0], trial.candidate.effect.id
         if columns is not None and np.any(columns):
             named.append((effect, columns))
-            free[effect], groups[effect] = trial.candidate.free, trial.group
+            free[effect], groups[effect] = len(trial.candidate.free(trial.group.shape)), trial.group
     return _made(fit.record, (_rows(fit.record, fit.model.matrix[0].T), fit.model.names), named, free, groups)
 
 
