@@ -259,7 +259,12 @@ def test_torque_steps_that_move_the_axis_are_no_noise_behind_a_gap() -> None:
     assert found.errors["final"]["torque"]["relative"] < 0.5 * found.errors["base"]["torque"]["relative"]
 
 
-@pytest.mark.parametrize("seed", [slow(1400148), 1600641])
+FALSE_GAP = pytest.mark.xfail(
+    strict=True, reason="with the times of its lost samples kept the gap is no longer one that noise could be in part"
+)
+
+
+@pytest.mark.parametrize("seed", [pytest.param(1400148, marks=[pytest.mark.slow, FALSE_GAP]), 1600641])
 def test_a_gap_that_noise_could_be_in_part_needs_twice_the_confirmation(seed: int) -> None:
     """Torque commands: as a whole a gap explains half of the excess, and 4.0 errors of cross-validation."""
     world = draw(seed)
