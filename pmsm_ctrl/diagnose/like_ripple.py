@@ -34,12 +34,13 @@ def like_ripple(case: Case, fit: Fitted, trial: Trial) -> Refusal | None:
     """
     if [row for row, _ in trial.group.entering] != [0]:
         return None
-    terms = ripple_torques(fit.record)
-    logged = any_ripple = _gain(fit, trial, terms)
-    if terms and case.believed is not None and holds_ripple(case.believed.log):
-        log = fit.record.timing.undone(case.believed.log)
-        logged = _gain(fit, trial, [logged_ripple_torque(fit.record, log)])
-    return criteria.beside_ripple(judged_gain(fit, trial)[1], any_ripple, logged, case.policy)
+    gain, ripple = judged_gain(fit, trial)[1], _gain(fit, trial, ripple_torques(fit.record))
+    refusal = criteria.beside_ripple(gain, ripple, ripple, case.policy)
+    if refusal is None or case.believed is None or not holds_ripple(case.believed.log):
+        return refusal
+    log = fit.record.timing.undone(case.believed.log)
+    logged = _gain(fit, trial, [logged_ripple_torque(fit.record, log)])
+    return criteria.beside_ripple(gain, ripple, logged, case.policy)
 
 
 def _gain(fit: Fitted, trial: Trial, torques: Sequence[Array]) -> float:
