@@ -23,7 +23,7 @@ def search(log: LogView) -> Iterator[dict[str, float]]:
 
     A speed that the drive has filtered or observed rounds the step of dry friction off in the same way.
     """
-    if log.balances.age is not None:
+    if not log.balances.angle:
         return
     for w_r in np.geomspace(0.003, 0.4, 9) * log.top_speed:
         yield {"w_r": float(w_r)}

@@ -69,7 +69,7 @@ def with_common_zero(record: Record, residual: Array, whitener: Whitener) -> Rec
         Of the torque balance.
     whitener : Whitener
     """
-    if len(record.records) < 2 or record.linear or record.age is not None or "theta" not in record.signals:
+    if len(record.records) < 2 or record.linear or not record.angle:
         return record
     waves = _waves(record, residual, whitener)
     if waves is None:

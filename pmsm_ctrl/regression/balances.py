@@ -107,7 +107,9 @@ class Record:
         Reasons to doubt the balances.
     age : float or None
         Corrected delay of the logged speed, s, where the log has no position: drives filter the speed. None where it
-        has a position.
+        has a position, or the drive signal is later than the speed.
+    angle : bool
+        Whether the log has a position.
     late : float or None
         Delay of the currents about which its column is linearised, s; None while the terms read measured currents.
     changes : tuple of float
@@ -158,6 +160,7 @@ class Record:
     dry: float = 0.0
     notes: tuple[Notice, ...] = ()
     age: float | None = None
+    angle: bool = True
     late: float | None = None
     timing: DriveTiming = UNDELAYED
     changes: tuple[float, ...] = ()
@@ -306,7 +309,7 @@ class Record:
 
 
 def make_record(
-    design: Design, log: Log, processing: Processing | None = None, age: float = 0.0, timing: DriveTiming | None = None,
+    design: Design, log: Log, processing: Processing | None = None, age: float | None = 0.0, timing: DriveTiming | None = None,
     wrong: float = WRONG_TORQUE, edges: float = 1.0,
 ) -> Record:  # fmt: skip
     """Prepare a log for the diagnosis.
@@ -320,8 +323,9 @@ def make_record(
     log : Log
     processing : Processing, optional
         The default band, or one as wide as the drive signal's where that leaves more, when left out.
-    age : float
-        Of a speed beyond what the design knows of it, s; it counts only where the log has no position.
+    age : float or None
+        Of a speed beyond what the design knows of it, s; it counts only where the log has no position. None for a speed
+        that is as old as the design says.
     timing : DriveTiming, optional
         How the drive signal was sampled; it is undone. What the design states of the log when left out.
     wrong : float
@@ -353,7 +357,7 @@ def make_record(
 
 
 def _made(
-    design: Design, log: Log, processing: Processing, age: float, timing: DriveTiming, wrong: float, edges: float
+    design: Design, log: Log, processing: Processing, age: float | None, timing: DriveTiming, wrong: float, edges: float
 ) -> Record:  # fmt: skip
     sampling, early = possible_sampling(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
@@ -407,7 +411,7 @@ def _made(
     return Record(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
         np.array(levels), kink[0], (*few, *_too_long(given, log), *notes),
-        None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
+        None if "theta" in log else age, "theta" in log, timing=timing, sampling=sampling, early=early,
         sampling_stated=drive_sampling(design, log).stated, unseen=time_in_gaps(log), records=log.records, wrong=wrong,
         edges=edges, step=resolution, weighing=weighing,
         rough=rough_acceleration(resolution, given.rate, prepared.cutoff),

@@ -217,7 +217,7 @@ def drive_sampling(design: Design, log: Log) -> Sampled:
     return design.log.of("torque" if "torque" in log else "i_q")
 
 
-def in_time(design: Design, log: Log, more: float = 0.0) -> Log:
+def in_time(design: Design, log: Log, more: float | None = None) -> Log:
     """Undo what the design states of the sampling of motion and voltages, and the age of a speed without a position.
 
     Of that the design knows what it states, or the drive's speed filter and half a period of its difference quotient.
@@ -226,7 +226,7 @@ def in_time(design: Design, log: Log, more: float = 0.0) -> Log:
     ----------
     design : Design
     log : Log
-    more : float
+    more : float, optional
         Further age of the speed, s.
     """
     for name in OTHERS:
@@ -238,7 +238,7 @@ def in_time(design: Design, log: Log, more: float = 0.0) -> Log:
     if design.sensor.speed_filter > 0.0 and not design.log.of("omega").stated:
         lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
         omega = omega + lag * np.gradient(omega, log.t)
-    if more != 0.0:
+    if more:
         from scipy.interpolate import CubicSpline
 
         omega = CubicSpline(log.t, omega)(np.clip(log.t + more, log.t[0], log.t[-1]))

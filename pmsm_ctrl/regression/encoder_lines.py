@@ -75,7 +75,7 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float, su
     -------
     dict of int to float
     """
-    if record.linear or record.age is not None:
+    if record.linear or not record.angle:
         return {}  # no turn, or no angle
     weight = (record.weight[0] * sure)[record.mask]
     known = np.linalg.qr(_scaled(matrix[record.mask] * weight[:, None]))[0]

@@ -34,7 +34,7 @@ def with_evaluation(design: Design, record: Record, log: Log) -> Design:
         cutoff=record.cutoff,
         late=record.timing.late,
         filter=record.timing.lag,
-        age=record.age or 0.0,
+        age=record.age,
         weight=record.wrong,
         edges=record.edges,
         encoder_lines=record.lines,

@@ -150,20 +150,31 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
         record = made.record(design, Processing(standstill=STANDSTILL, cutoff=band))
         fit = base_fit(design, record)
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
-    for _ in range(ROUNDS):
-        if record.age is not None:
-            record = made.record(design, same, record.age + fit.level(AGE))
-        elif record.sampling_stated:
-            break
-        else:
-            timing = _filter(design, *_plain(design, record, fit))  # edges tell it as well
-            if timing == record.timing:
-                break
-            record = made.record(design, same, 0.0, timing)
+    for _ in range(ROUNDS if record.age is not None else 0):
+        record = made.record(design, same, _age(record, fit))
         fit = base_fit(design, record)
+        if record.age is None:
+            break
+    for _ in range(ROUNDS if record.age is None and not record.sampling_stated else 0):
+        timing = _filter(design, *_plain(design, record, fit))  # edges tell it as well
+        if timing == record.timing:
+            break
+        record, fit = _behind(design, made, same, timing)
     if record.age is None and not record.sampling_stated and _is_slow(record):
         record, fit = _by_profile(design, made, record, fit)
     return record, fit
+
+
+def _age(record: Record, fit: Estimated) -> float | None:
+    """Age of a speed; None where the drive signal is the later one, by more than sampling can make it.
+
+    No filter makes a speed too early. How late the drive signal is, and behind which filter, is then found as in a log
+    with a position.
+    """
+    assert record.age is not None
+    value, stderr = fit.value(AGE)
+    age = record.age + value
+    return None if -age - record.sampling > SURE * stderr else age
 
 
 def _is_slow(record: Record) -> bool:
@@ -197,7 +208,7 @@ def _by_profile(design: Design, made: Made, record: Record, fit: Estimated) -> t
 
 
 def _behind(design: Design, made: Made, same: Processing, timing: DriveTiming) -> tuple[Record, Estimated]:
-    record = made.record(design, same, 0.0, timing)
+    record = made.record(design, same, None, timing)
     return record, base_fit(design, record)
 
 
@@ -355,7 +366,7 @@ def _widened(design: Design, made: Made, record: Record, fit: Estimated) -> Reco
     if wanted < WIDER * record.cutoff or record.cutoff < default_cutoff(record.prepared.rate):
         return record
     processing = Processing(standstill=STANDSTILL, cutoff=wanted)
-    wide = made.record(design, processing, record.age or 0.0, record.timing)
+    wide = made.record(design, processing, record.age, record.timing)
     usual, share = (noise_share(one, one.acceleration()) for one in (record, wide))
     if share >= max(MOST_NOISE, usual):
         return record

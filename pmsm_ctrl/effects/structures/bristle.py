@@ -142,7 +142,7 @@ class Bristle(Structure):
 
         None in a log without an angle: a speed that the drive has filtered or observed tells no travel of a bristle.
         """
-        if log.balances.age is not None:
+        if not log.balances.angle:
             return Search((), why_not="it shows in the travel around reversals, and this log has no angle")
         scale = log.travel / 100.0 if log.balances.linear else 1.0
         rest = {p.symbol: p.start for p in effect.parameters}

@@ -100,10 +100,7 @@ class Delay(Structure):
         The speed controller answers noise at once, so that noise and the slope of the torque go together, and look
         like a torque that comes too early.
         """
-        out = values.copy()
-        for part in out[0].T:
-            part[np.abs(part) <= ABOVE_NOISE * balances.noise_of(part)] = 0.0
-        return out
+        return values
 
     def delay(self, effect: Effect, values: Sequence[float]) -> float:
         """Return the delay inside its bounds, s."""
