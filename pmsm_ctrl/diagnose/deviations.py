@@ -217,7 +217,7 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
         return
     k = fit.model.names.index("tau_speed")
     lag, error = fit.record.age + float(fit.plain.values[k]), float(fit.plain.stderr[k])
-    if abs(lag) > max(policy.sure_errors * error, 0.1 * fit.record.period):
+    if lag > max(policy.sure_errors * error, 0.1 * fit.record.period):  # an early speed is what sampling can do
         yield notices.SPEED_LAG(lag=with_error(1e3 * lag, 1e3 * error))
 
 

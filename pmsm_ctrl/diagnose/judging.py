@@ -35,9 +35,13 @@ from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.shapes import sizes_in_shape
 from pmsm_ctrl.evidence.tests import f_tail
 from pmsm_ctrl.regression.bounds import bounded, column_bounds
+from pmsm_ctrl.regression.drive_timing import LATENESS
+from pmsm_ctrl.regression.lateness import lateness
 from pmsm_ctrl.regression.model import Solved
 
-__all__ = ["Evidence", "judge_holdout", "judge_refit", "judge_sampling", "judge_size", "judge_trial"]
+__all__ = [
+    "Evidence", "judge_holdout", "judge_refit", "judge_sampling", "judge_size", "judge_trial", "own_sampling",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -251,6 +255,23 @@ def judge_holdout(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
         return None
     old, new = ({name: rms for name, (rms, _) in case.holdout_errors(fit).items()} for fit in (before, after))
     return criteria.holdout(old, new, case.policy)
+
+
+def own_sampling(fit: Fitted, policy: Policy) -> Refusal | None:
+    """Return that the delay of the base model's own sampling is within what sampling can cause; None without one.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    if LATENESS not in fit.model.names:
+        return None
+    k = fit.model.names.index(LATENESS)
+    late = fit.record.timing.late + lateness(fit.model, fit.plain.values)
+    return criteria.beyond_sampling(
+        late, float(fit.plain.stderr[k]), (-fit.record.early, fit.record.sampling), policy
+    )
 
 
 def judge_sampling(after: Fitted, policy: Policy) -> Refusal | None:

@@ -11,7 +11,7 @@ from pmsm_ctrl.diagnose.bands import unlike_in_half
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
-from pmsm_ctrl.diagnose.judging import Evidence, judge_holdout, judge_refit, judge_sampling, judge_size, judge_trial
+from pmsm_ctrl.diagnose.judging import Evidence, judge_holdout, judge_refit, judge_sampling, judge_size, judge_trial, own_sampling
 from pmsm_ctrl.diagnose.like_ripple import like_ripple
 from pmsm_ctrl.diagnose.look_alikes import equivalents, nearly_in_model, same_order
 from pmsm_ctrl.diagnose.measures import slight
@@ -192,8 +192,8 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
 def with_sampling_told(case: Case, selection: Selection) -> Selection:
     """Return the selection with sampling as the reason, before any other, why a significant delay within it is refused.
 
-    A delay is judged where the torque changes faster than noise, and the sampling of the base model everywhere. What
-    the one explains beside the other is then an error of the model around edges.
+    A delay that the sampling of the base model takes up is as long as that says. What a delay explains beside a
+    sampling that is held is otherwise an error of the model around edges.
 
     Parameters
     ----------
@@ -204,7 +204,11 @@ def with_sampling_told(case: Case, selection: Selection) -> Selection:
     fit, refused = selection.fit, dict(selection.refused)
     for trial in fit.trials:
         refusal = refused.get(name_of(trial))
-        if trial.candidate.effect.structure.delays and refusal is not None and refusal.reason in BEFORE_REFIT:
+        if not trial.candidate.effect.structure.delays or refusal is None:
+            continue
+        if refusal.reason is Reason.NOT_INDEPENDENT:
+            refused[name_of(trial)] = own_sampling(fit, case.policy) or refusal
+        elif refusal.reason in BEFORE_REFIT:
             after = case.fit_beside(_with(case, fit, trial), fit)
             refused[name_of(trial)] = judge_sampling(after, case.policy) or refusal
     return replace(selection, refused=refused)

@@ -122,7 +122,7 @@ class Policy:
     excess: float = 0.06
     few_clipped: float = 0.5
     most_clipped: float = 0.05
-    beyond: float = 0.03
+    beyond: float = 6e-3
     sharper: float = 0.8
     offset: float = 0.5
     alike: float = 0.3

@@ -310,9 +310,11 @@ def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:
     delay, stderr = record.timing.delay + free.level(LATENESS), free.value(LATENESS)[1]
     value, error = record.timing.spread + free.value(SPREAD)[0], free.value(SPREAD)[1]
     if delay - record.sampling > SURE * stderr:
+        # noise that the controller responds to makes it too large by least squares
         estimates = by_reference(free.record, free.model, float(free.weights.sigma[0]))
-        spread = (value, error) if estimates is None else min((value, error), estimates.spread)
-        return filter_behind(delay, spread, record.sampling) or UNDELAYED
+        if estimates is not None and record.timing.spread + estimates.spread[0] < value:
+            value, error = record.timing.spread + estimates.spread[0], estimates.spread[1]
+        return filter_behind(delay, (value, error), record.sampling) or UNDELAYED
     if delay <= SURE * stderr or not _spread_out(record, free):
         return UNDELAYED
     lag = min(math.sqrt(2.0 * value), delay)

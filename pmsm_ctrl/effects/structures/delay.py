@@ -95,12 +95,17 @@ class Delay(Structure):
         return balances.late is not None
 
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
-        """Return the columns where the torque changes faster than its noise does.
+        """Return the columns; of a torque that is early where it changes faster than its noise does.
 
         The speed controller answers noise at once, so that noise and the slope of the torque go together, and look
-        like a torque that comes too early.
+        like a torque that comes too early. They never look like one that comes too late.
         """
-        return values
+        if balances.late is None or balances.late >= 0.0:
+            return values
+        out = values.copy()
+        for part in out[0].T:
+            part[np.abs(part) <= ABOVE_NOISE * balances.noise_of(part)] = 0.0
+        return out
 
     def delay(self, effect: Effect, values: Sequence[float]) -> float:
         """Return the delay inside its bounds, s."""

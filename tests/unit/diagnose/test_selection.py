@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose import selection as rounds
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.diagnosis import condition, searched
@@ -207,12 +208,23 @@ def test_sampling_comes_before_any_other_reason_against_a_significant_delay(
 ) -> None:
     sampling = Refusal(Reason.WITHIN_SAMPLING) if within else None
     monkeypatch.setattr(rounds, "judge_sampling", lambda after, policy: sampling if after.accepted == ("a",) else None)
+    monkeypatch.setattr(rounds, "own_sampling", lambda fit, policy: None)
     monkeypatch.setattr(rounds, "_with", lambda case, fit, one: (*fit.accepted, one.candidate.effect.id))
     fit = SimpleNamespace(accepted=(), trials=(trial("b"), trial("a", delays=delays)))
     before = Selection((fit,), (), {"a": Refusal(reason), "b": Refusal(Reason.MINOR)})  # type: ignore[arg-type]
     told = with_sampling_told(FakeCase(), before)  # type: ignore[arg-type]
     assert told.refused["a"].reason is (Reason.WITHIN_SAMPLING if asked and within and delays else reason)
     assert told.refused["b"].reason is Reason.MINOR
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_delay_that_the_sampling_takes_up_is_as_long_as_that(designs: Path, seed: int) -> None:
+    design = Design.read(designs / "hand_tuned.toml")
+    log = simulate(design, "identification", seed=seed)
+    refusal = diagnose(design, log, candidates=["delay"], plan=False).ranking[0].refusal
+    assert refusal is not None
+    assert refusal.reason is Reason.WITHIN_SAMPLING
+    assert abs(refusal.detail["value"]) < 1e3 * log.period  # ms; all channels are of one tick
 
 
 def test_a_delay_fitted_by_the_noise_of_another_fit_is_that_fitted_by_its_own(designs: Path) -> None:

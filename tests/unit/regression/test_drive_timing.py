@@ -38,14 +38,16 @@ def believed(F_c: float = F_C, F_v: float = F_V) -> Design:
 @cache
 def made(
     seed: int, *, late: float = 0.0, mean: bool = False, lag: float = 0.0, pieces: int = 1, wave: float = 0.0,
-    samples: int = 12_000, further: tuple[tuple[float, float], ...] = (), every: int = 1,
+    samples: int = 12_000, further: tuple[tuple[float, float], ...] = (), every: int = 1, slower: float = 1.0,
+    noise: float = 0.02,
 ) -> Log:  # fmt: skip
     """Return a log of sines of speed, its current late, a mean over the period before, or filtered, in closed form.
 
-    `wave` is a torque once a turn, N m; `further` sines of the speed in rad/s. Of the samples every so many stay.
+    `wave` is a torque once a turn, N m; `further` sines of the speed in rad/s; `noise` that of the torque, N m. Of the
+    samples every so many stay. The motion is so many times slower.
     """
     rng = np.random.default_rng(seed)
-    parts = ((14.0, 2.1), (6.0, 5.3), (0.8, 41.0), (0.3, 77.0), *further)
+    parts = tuple((a, w / slower) for a, w in ((14.0, 2.1), (6.0, 5.3), (0.8, 41.0), (0.3, 77.0), *further))
     phases = rng.uniform(0.0, 6.28, len(parts))
 
     def motion(t: np.ndarray) -> list[np.ndarray]:
@@ -70,7 +72,7 @@ def made(
         torque = lfilter([share], [1.0, share - 1.0], torque, zi=[(1.0 - share) * torque[0]])[0]
     if fine is not clock:
         torque = torque[before::FINE]
-    torque = torque + 0.02 * rng.normal(size=len(clock))
+    torque = torque + noise * rng.normal(size=len(clock))
     if pieces > 1:  # runs one after the other, seconds apart
         clock = clock + 4.0 * np.floor(pieces * clock / (samples * PERIOD))
     channels = {"t": clock, "theta": theta, "omega": speed, "i_q": torque / K_T}
@@ -146,10 +148,37 @@ def test_a_delay_within_its_uncertainty_is_no_filter(
 ) -> None:
     """Stribeck friction that the design lacks made a delay of (1.2 +- 0.4) ms, which was told as a filter of 1.2 ms."""
     found = {LATENESS: (1.2e-3, stderr), SPREAD: (0.5 * 1.2e-3**2, 1e-7)}
-    fit: Any = SimpleNamespace(level=lambda name: found[name][0], value=found.__getitem__)
+    fit = fake_fit(found)
     monkeypatch.setattr(timed_record, "base_fit", lambda *_, **__: fit)
+    monkeypatch.setattr(timed_record, "by_reference", lambda *_: None)
     record: Any = SimpleNamespace(timing=UNDELAYED, sampling=1e-3)
     assert timed_record._filter(believed(), record, fit).lag == pytest.approx(lag)
+
+
+def fake_fit(found: dict[str, tuple[float, float]]) -> Any:
+    weights = SimpleNamespace(sigma=[1.0])
+    return SimpleNamespace(
+        level=lambda name: found[name][0], value=found.__getitem__, record=None, model=None, weights=weights
+    )
+
+
+@pytest.mark.parametrize("undone", [0.0, 1e-3])
+@pytest.mark.parametrize(
+    ("spread", "filtered"),
+    [((0.0, 1e-7), False), ((7.5e-6, 1e-7), False), ((7.5e-6, 0.3e-6), True), ((20e-6, 1e-7), True)],
+)
+def test_of_two_spreads_the_smaller_one_tells_a_filter(
+    monkeypatch: pytest.MonkeyPatch, spread: tuple[float, float], filtered: bool, undone: float
+) -> None:
+    """Noise that the controller responds to makes the one by least squares too large, not the one by the reference."""
+    timing = DriveTiming(0.0, undone)
+    fit = fake_fit({LATENESS: (5e-3 - undone, 1e-5), SPREAD: (9e-6 - timing.spread, 1e-7)})
+    monkeypatch.setattr(timed_record, "base_fit", lambda *_, **__: fit)
+    by_reference = SimpleNamespace(spread=(spread[0] - timing.spread, spread[1]))
+    monkeypatch.setattr(timed_record, "by_reference", lambda *_: by_reference)
+    record: Any = SimpleNamespace(timing=timing, sampling=1e-3, period=1e-3)
+    found = timed_record._filter(believed(), record, fit)
+    assert (found.lag > 0.0) is filtered
 
 
 # ---- what a diagnosis makes of it -------------------------------------------------------------------------------
@@ -219,6 +248,40 @@ def test_a_delay_that_no_filter_explains_is_one(seed: int) -> None:
     found = diagnose(believed(), made(seed, late=5e-3), plan=False)
     assert names(found) == ["delay"]
     assert found.steps[0].parameters["tau"].value == pytest.approx(5e-3, rel=0.04)
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_a_delay_shows_where_the_torque_changes_slowly(seed: int) -> None:
+    """Each change of the torque in a sample is less than noise; all of them together are not."""
+    found = diagnose(believed(), made(seed, late=4e-3, slower=8.0, noise=0.1, samples=24_000), plan=False)
+    assert names(found) == ["delay"]
+    tau = found.steps[0].parameters["tau"]
+    assert abs(tau.value - 4e-3) < 3.0 * (tau.stderr or 0.0)
+
+
+def of_speed_alone(log: Log, lag: float = 0.0) -> Log:
+    """Leave out the angle; the speed has passed a filter of first order, s."""
+    share = 1.0 - np.exp(-PERIOD / lag) if lag > 0.0 else 1.0
+    omega = lfilter([share], [1.0, share - 1.0], log["omega"], zi=[(1.0 - share) * log["omega"][0]])[0]
+    return Log({"t": log.t, "omega": omega, "i_q": log["i_q"]})
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_a_current_later_than_a_speed_is_a_delay(seed: int) -> None:
+    """A filter makes a speed too late, never too early."""
+    found = diagnose(believed(), of_speed_alone(made(seed, late=5e-3)), plan=False)
+    assert names(found) == ["delay"]
+    assert found.steps[0].parameters["tau"].value == pytest.approx(5e-3, rel=0.04)
+    assert "speed_lag" not in found.to_dict()["warning_codes"]
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+@pytest.mark.parametrize(("late", "lag", "speed"), [(0.0, 0.0, 3e-3), (0.0, 5e-3, 0.0), (0.5e-3, 0.0, 0.0)])
+def test_filters_and_sampling_beside_a_speed_are_no_delay(seed: int, late: float, lag: float, speed: float) -> None:
+    found = diagnose(believed(), of_speed_alone(made(seed, late=late, lag=lag), speed), plan=False)
+    assert names(found) == []
+    assert ("speed_lag" in found.to_dict()["warning_codes"]) is (speed > 0.0)
+    assert found.timing.lag == pytest.approx(lag, rel=0.1)
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
