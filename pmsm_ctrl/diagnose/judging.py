@@ -269,9 +269,7 @@ def own_sampling(fit: Fitted, policy: Policy) -> Refusal | None:
         return None
     k = fit.model.names.index(LATENESS)
     late = fit.record.timing.late + lateness(fit.model, fit.plain.values)
-    return criteria.beyond_sampling(
-        late, float(fit.plain.stderr[k]), (-fit.record.early, fit.record.sampling), policy
-    )
+    return criteria.beyond_sampling(late, float(fit.plain.stderr[k]), (-fit.record.early, fit.record.sampling), policy)
 
 
 def judge_sampling(after: Fitted, policy: Policy) -> Refusal | None:

@@ -11,7 +11,15 @@ from pmsm_ctrl.diagnose.bands import unlike_in_half
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
-from pmsm_ctrl.diagnose.judging import Evidence, judge_holdout, judge_refit, judge_sampling, judge_size, judge_trial, own_sampling
+from pmsm_ctrl.diagnose.judging import (
+    Evidence,
+    judge_holdout,
+    judge_refit,
+    judge_sampling,
+    judge_size,
+    judge_trial,
+    own_sampling,
+)
 from pmsm_ctrl.diagnose.like_ripple import like_ripple
 from pmsm_ctrl.diagnose.look_alikes import equivalents, nearly_in_model, same_order
 from pmsm_ctrl.diagnose.measures import slight

@@ -309,8 +309,8 @@ class Record:
 
 
 def make_record(
-    design: Design, log: Log, processing: Processing | None = None, age: float | None = 0.0, timing: DriveTiming | None = None,
-    wrong: float = WRONG_TORQUE, edges: float = 1.0,
+    design: Design, log: Log, processing: Processing | None = None, age: float | None = 0.0,
+    timing: DriveTiming | None = None, wrong: float = WRONG_TORQUE, edges: float = 1.0,
 ) -> Record:  # fmt: skip
     """Prepare a log for the diagnosis.
 

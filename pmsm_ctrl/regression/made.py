@@ -46,7 +46,11 @@ class Made:
         return cls(log, None if coarse or len(log) > MOST_KEPT else {})
 
     def record(
-        self, design: Design, processing: Processing | None = None, age: float | None = 0.0, timing: DriveTiming | None = None
+        self,
+        design: Design,
+        processing: Processing | None = None,
+        age: float | None = 0.0,
+        timing: DriveTiming | None = None,
     ) -> Record:
         """Do what `make_record` does, once.
 

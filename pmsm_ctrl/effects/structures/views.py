@@ -59,8 +59,8 @@ class Balances(Protocol):
         """Relative inverse noise level, shape (channels, m)."""
 
     @property
-    def age(self) -> float | None:
-        """How old the logged speed is, s; None where the log has an angle."""
+    def angle(self) -> bool:
+        """Whether the log has a position."""
 
     @property
     def late(self) -> float | None:
