@@ -1,4 +1,4 @@
-"""What the torque does between the samples of a log, and how far that may shift the parameters.
+"""What a log does not tell of the torque between its samples, and how far that may shift the parameters.
 
 A log that takes instants of a faster drive folds what the torque holds around the log's rate f_s into the band. That is
 not known, but what it holds around f_s / 2 is: multiplied by (-1)^k it lies in the band, and the regression tells what
@@ -31,6 +31,10 @@ Array = NDArray[np.float64]
 
 # Standard deviation of what lies anywhere within plus or minus half of the content around f_s / 2.
 SHARE = 0.5 / math.sqrt(3.0)
+# Standard error of an inertia, as its share, that a delay and a variance leave of a sampling that is not stated: the
+# reference is held, the current loop has its own response, and a log meets both at the same places. Of 77 worlds 64 had
+# the inertia in its 95 % interval without it, 72 with it.
+UNSTATED = 5e-4
 FASTER, SAME = 1.5, 1e-3  # rate of a drive that moves between the samples over that of the log; what is no other rate
 
 
@@ -79,6 +83,8 @@ def with_folded_errors(
 ) -> tuple[Fit, tuple[Notice, ...]]:
     """Return a fit whose standard errors allow for the torque between the samples, and a notice where that is most.
 
+    That of the inertia allows for a sampling that is not stated as well.
+
     Parameters
     ----------
     design : Design
@@ -96,7 +102,11 @@ def with_folded_errors(
         prepared, weight = made.record.prepared, made.record.weight[0]
     found = folded_errors(design, log, prepared, problem, fit, weight)
     units = {column.name: column.unit for column in problem.columns}
-    wider = {name: math.hypot(error, found.get(name, 0.0)) for name, error in fit.stderr.items()}
+    unstated = 0.0 if drive_sampling(design, log).stated else UNSTATED
+    sampled = {"J": unstated * abs(fit.values["J"])} if "J" in fit.stderr else {}
+    wider = {
+        name: math.hypot(error, found.get(name, 0.0), sampled.get(name, 0.0)) for name, error in fit.stderr.items()
+    }
     said = [
         words.BETWEEN_SAMPLES(name=name, error=error, unit=units[name], rate=1.0 / design.drive.speed_period)
         for name, error in found.items() if error > fit.stderr[name]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, Log, identify, simulate
-from pmsm_ctrl.identify.between_samples import SHARE
+from pmsm_ctrl.identify.between_samples import SHARE, UNSTATED
 from tests.effort import seeds
 
 DESIGN = Design.from_toml(
@@ -39,6 +39,17 @@ def test_what_the_torque_holds_at_half_of_the_rate_is_an_error_of_the_inertia(se
     assert "torque_between_samples" in {notice.code for notice in found.notices}
     assert "torque_between_samples" not in {notice.code for notice in plain.notices}
     assert found.estimates["F_c"].stderr < 2.0 * plain.estimates["F_c"].stderr
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_an_inertia_is_known_no_better_than_the_sampling(seed: int) -> None:
+    """Stated, the sampling takes its part of the error away: 0.05 % of the inertia."""
+    log = recorded(0.0, noise=1e-4, seed=seed)
+    unknown, known = (
+        identify(design, log).estimates["J"].stderr for design in (DESIGN, DESIGN.replace(log={"sampling": "instant"}))
+    )
+    assert known < 0.5 * UNSTATED * 1e-4
+    assert UNSTATED * 1e-4 < unknown < 1.2 * UNSTATED * 1e-4
 
 
 @pytest.mark.parametrize("rate", [1000.0, 16000.0])
