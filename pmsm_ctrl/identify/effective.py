@@ -8,6 +8,9 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.identify import notices as words
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.base_fit import base_fit
+from pmsm_ctrl.regression.drive_timing import LATENESS, SURE, Sampling
+from pmsm_ctrl.regression.model import FIXED
 from pmsm_ctrl.regression.prediction import predict
 from pmsm_ctrl.residuals import policy
 from pmsm_ctrl.residuals.predicted import structures, traces_of
@@ -16,7 +19,16 @@ from pmsm_ctrl.section import Notice
 __all__ = ["effective_only"]
 
 
-def effective_only(found: Design, record: Record, log: Log) -> Notice | None:
+def _too_late(found: Design, record: Record, sampling: Sampling) -> float | None:
+    """Return by how much the drive signal is late, s, where sampling surely cannot make it; None where it can."""
+    if record.age is not None or sampling.whole.late < (1.0 - FIXED) * record.sampling:
+        return None
+    value, stderr = base_fit(found, record, settled=False).value(LATENESS)
+    late = record.timing.late + value
+    return late if late - record.sampling > SURE * stderr else None
+
+
+def effective_only(found: Design, record: Record, log: Log, sampling: Sampling) -> Notice | None:
     """Return what says that identified values are effective ones; None where the rest looks like noise.
 
     The residual of the torque is judged as `compare` judges it: by the curves of what it may depend on, in its own
@@ -29,7 +41,11 @@ def effective_only(found: Design, record: Record, log: Log) -> Notice | None:
     record : Record
         The log, made ready.
     log : Log
+    sampling : Sampling
+        How the drive signal was sampled, as it was found.
     """
+    if (late := _too_late(found, record, sampling)) is not None:
+        return words.EFFECTIVE_BY_DELAY(quantity=record.drive, late=1e3 * late, most=1e3 * record.sampling)
     prediction = predict(found, record)
     structure = structures(prediction, log, found.J, ("torque",), policy.SOUND)["torque"]
     residual = traces_of(prediction)["torque"].residual[structure.mask]

@@ -219,7 +219,7 @@ def identify(
         cut = (used, made.processing) if made.processing else sampled_log(design, used, blanked, method)
         over = inertia_over_cutoff(design, *cut, problem, fit)
     contradictions = (*believed.contradictions, *contradictions_of(design, fit))
-    effective = None if contradictions else effective_only(made.found, made.record, used)
+    effective = None if contradictions else effective_only(made.found, made.record, used, made.sampling)
     advance(1.0)
     said = (
         *contradictions, *filter(None, (made.worse, effective)), *made.far, *record_notices(made.several.rows),

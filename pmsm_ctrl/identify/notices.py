@@ -7,11 +7,10 @@ from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
     "BETWEEN_SAMPLES", "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT",
-    "EFFECTIVE_BY_FLOOR", "EFFECTIVE_VALUES", "FEW_DEGREES_OF_FREEDOM", "ILL_CONDITIONED", "INERTIA_BY_INSTRUMENTS",
-    "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF", "INERTIA_OVER_CUTOFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
-    "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "OPEN_LOOP", "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS",
-    "beyond_error",
-    "not_identifiable",
+    "EFFECTIVE_BY_DELAY", "EFFECTIVE_BY_FLOOR", "EFFECTIVE_VALUES", "FEW_DEGREES_OF_FREEDOM", "ILL_CONDITIONED",
+    "INERTIA_BY_INSTRUMENTS", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF", "INERTIA_OVER_CUTOFF", "LARGE_ERROR",
+    "MISFIT", "NEGATIVE", "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "OPEN_LOOP", "REPLAYED_CURRENT",
+    "UNSETTLED", "WRONG_LOOPS", "beyond_error", "not_identifiable",
 ]  # fmt: skip
 
 # -- of any method
@@ -47,6 +46,11 @@ EFFECTIVE_BY_FLOOR = Template(
     "effective_values",
     "effective values only: the residual is {ratio:.2g} times its noise floor, with no significant dependence on any "
     "coordinate: diagnose this log",
+)
+EFFECTIVE_BY_DELAY = Template(
+    "effective_values",
+    "effective values only: the {quantity} is {late:.3g} ms later than the motion, and sampling can make it {most:.3g} "
+    "ms late: diagnose this log",
 )
 OPEN_LOOP = Template(
     "open_loop",

@@ -47,6 +47,22 @@ def test_values_that_stand_for_a_missing_effect_are_effective_ones(hidden: dict[
     assert text.endswith("diagnose this log")
 
 
+@pytest.mark.parametrize("angle", [True, False])
+@pytest.mark.parametrize(("late", "doubted"), [(5, True), (1, False), (0, False)])
+def test_values_from_a_torque_later_than_sampling_can_make_it_are_effective_ones(
+    late: int, doubted: bool, angle: bool
+) -> None:
+    """Late by so many periods of the log, in which the friction has turned already: F_c came out a twentieth low."""
+    log = recorded(1e-4)
+    names = ("t", "theta", "omega") if angle else ("t", "omega")
+    n = len(log) - late
+    log = Log({"i_q": log["i_q"][:n]} | {name: log[name][late:] - late * 1e-3 * (name == "t") for name in names})
+    texts = said(log)
+    assert bool(texts) is doubted
+    if doubted:
+        assert float(texts[0].split("the torque is ")[1].split(" ms later")[0]) == pytest.approx(late, rel=0.04)
+
+
 @pytest.mark.parametrize("noise", [1e-3, 0.02])
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_noise_alone_is_none(noise: float, seed: int) -> None:
