@@ -440,6 +440,7 @@ class Evaluated(Part):
     late: Finite = Field(default=0.0, description="delay of torque and currents that was corrected, s")
     filter: NonNegative = Field(default=0.0, description="time constant of their filter that was corrected, s")
     age: Finite | None = Field(default=None, description="age of a speed that is all that is known of the motion, s")
+    speed_filter: NonNegative = Field(default=0.0, description="time constant of its filter that was corrected, s")
     weight: NonNegative = Field(default=0.0, description="share of the torque that errors at edges are weighed by")
     edges: float = Field(default=1.0, ge=0, le=1, description="error of edges, as a share of a period's")
     encoder_lines: tuple[int, ...] = Field(default=(), description="lines of the encoder whose errors are fitted")

@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.conditioning import default_cutoff
-from pmsm_ctrl.regression.drive_timing import LATENESS
+from pmsm_ctrl.regression.drive_timing import AGE, LATENESS
 from pmsm_ctrl.regression.model import LOAD_SCALE
 from pmsm_ctrl.regression.timed_record import FRICTION
 from pmsm_ctrl.rendering.numbers import with_error
@@ -215,8 +215,8 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
             yield notices.TORQUE_CONSTANT(nominal=d.nominal, percent=percent, estimate=d.estimate, other=other)
     if fit.record.age is None:
         return
-    k = fit.model.names.index("tau_speed")
-    lag, error = fit.record.age + float(fit.plain.values[k]), float(fit.plain.stderr[k])
+    k = fit.model.names.index(AGE)
+    lag, error = fit.record.age.delay + float(fit.plain.values[k]), float(fit.plain.stderr[k])
     if lag > max(policy.sure_errors * error, 0.1 * fit.record.period):  # an early speed is what sampling can do
         yield notices.SPEED_LAG(lag=with_error(1e3 * lag, 1e3 * error))
 

@@ -105,8 +105,8 @@ class Record:
         Rough level of the dry friction, N m (N); 0 when there is none.
     notes : tuple of Notice
         Reasons to doubt the balances.
-    age : float or None
-        Corrected delay of the logged speed, s, where the log has no position: drives filter the speed. None where it
+    age : DriveTiming or None
+        Corrected delay and filter of the logged speed, where the log has no position: drives filter it. None where it
         has a position, or the drive signal is later than the speed.
     angle : bool
         Whether the log has a position.
@@ -159,7 +159,7 @@ class Record:
     coarse: Array
     dry: float = 0.0
     notes: tuple[Notice, ...] = ()
-    age: float | None = None
+    age: DriveTiming | None = None
     angle: bool = True
     late: float | None = None
     timing: DriveTiming = UNDELAYED
@@ -309,7 +309,7 @@ class Record:
 
 
 def make_record(
-    design: Design, log: Log, processing: Processing | None = None, age: float | None = 0.0,
+    design: Design, log: Log, processing: Processing | None = None, age: DriveTiming | None = UNDELAYED,
     timing: DriveTiming | None = None, wrong: float = WRONG_TORQUE, edges: float = 1.0,
 ) -> Record:  # fmt: skip
     """Prepare a log for the diagnosis.
@@ -323,8 +323,8 @@ def make_record(
     log : Log
     processing : Processing, optional
         The default band, or one as wide as the drive signal's where that leaves more, when left out.
-    age : float or None
-        Of a speed beyond what the design knows of it, s; it counts only where the log has no position. None for a speed
+    age : DriveTiming or None
+        Of a speed beyond what the design knows of it; it counts only where the log has no position. None for a speed
         that is as old as the design says.
     timing : DriveTiming, optional
         How the drive signal was sampled; it is undone. What the design states of the log when left out.
@@ -357,12 +357,13 @@ def make_record(
 
 
 def _made(
-    design: Design, log: Log, processing: Processing, age: float | None, timing: DriveTiming, wrong: float, edges: float
+    design: Design, log: Log, processing: Processing, age: DriveTiming | None, timing: DriveTiming,
+    wrong: float, edges: float,
 ) -> Record:  # fmt: skip
     sampling, early = possible_sampling(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
     resolution = angle_step(log)
-    whole, given = in_time(design, ending_steadily(log), age), log
+    whole, given = in_time(design, ending_steadily(log), age or UNDELAYED), log
     log = timing.undone(thinned(whole))
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)

@@ -18,10 +18,10 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.bandwidth import with_sound_inertia
 from pmsm_ctrl.regression.base_fit import Settled, settled_model
-from pmsm_ctrl.regression.drive_timing import LATENESS, Sampling
+from pmsm_ctrl.regression.drive_timing import AGE, LATENESS, Sampling
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
-from pmsm_ctrl.regression.model import AGE, FIXED
+from pmsm_ctrl.regression.model import FIXED
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.units import axis_unit
 
@@ -58,7 +58,7 @@ class Based:
         name = AGE if self.record.age is not None else LATENESS
         value, stderr = self.fit.nuisances.get(name, (0.0, 0.0))
         if self.record.age is not None:  # a speed that is old makes a torque early
-            value = -(self.record.age + value)
+            value = -(self.record.age.delay + value)
         sure = stderr <= FIXED * max(self.record.sampling, self.record.early)
         return Sampling(self.record.timing, value, 0.0 if sure else stderr)
 

@@ -1,4 +1,4 @@
-"""How the drive signal was sampled relative to the position: with a delay, and behind a filter.
+"""How a channel was sampled relative to another: the drive signal, or a speed, with a delay and behind a filter.
 
 The output of a linear filter whose impulse response has mean m and variance v is, for signals T(t) that are slow
 against it, ``T - m dT/dt + (m^2 + v) / 2 d^2T/dt^2``. Variances add: a pure delay has none, a mean over a period P has
@@ -20,10 +20,12 @@ from pmsm_ctrl.regression.filters import derivative, shifted
 from pmsm_ctrl.sampling import speed_lag
 
 __all__ = [
+    "AGE",
     "CURRENT_LOOP",
     "EMF",
     "EMF_LATE",
     "LATENESS",
+    "SPEED_SPREAD",
     "SPREAD",
     "STATED_WITHIN",
     "SURE",
@@ -44,6 +46,7 @@ Array = NDArray[np.float64]
 
 # Names of the nuisance parameters of the drive signal's sampling.
 LATENESS, SPREAD, EMF = "tau_drive", "spread_drive", "tau_emf"
+AGE, SPEED_SPREAD = "tau_speed", "spread_speed"  # of a speed without a position
 EMF_LATE = 5e-3  # s, by which the compensation of the back-emf lags: a speed filter
 # What is sampled with the current, and so as late as that.
 DRIVE = ("torque", "i_q", "i_d")
@@ -61,12 +64,12 @@ UNKNOWN_LOOP, CURRENT_LOOP = 1e-3, 1e-3
 
 @dataclass(frozen=True)
 class DriveTiming:
-    """How the drive signal was sampled.
+    """How a channel was sampled: the drive signal beside the position, or a speed beside the drive signal.
 
     Attributes
     ----------
     late : float
-        Time after the position at which it was sampled, s.
+        Time after the other one at which it was sampled, s.
     lag : float
         Time constant of the first-order filter that it passed, s.
     sure : bool
@@ -217,7 +220,7 @@ def drive_sampling(design: Design, log: Log) -> Sampled:
     return design.log.of("torque" if "torque" in log else "i_q")
 
 
-def in_time(design: Design, log: Log, more: float | None = None) -> Log:
+def in_time(design: Design, log: Log, more: DriveTiming = UNDELAYED) -> Log:
     """Undo what the design states of the sampling of motion and voltages, and the age of a speed without a position.
 
     Of that the design knows what it states, or the drive's speed filter and half a period of its difference quotient.
@@ -226,8 +229,8 @@ def in_time(design: Design, log: Log, more: float | None = None) -> Log:
     ----------
     design : Design
     log : Log
-    more : float, optional
-        Further age of the speed, s.
+    more : DriveTiming
+        How the speed was sampled and filtered beside that.
     """
     for name in OTHERS:
         if name in log:
@@ -238,11 +241,7 @@ def in_time(design: Design, log: Log, more: float | None = None) -> Log:
     if design.sensor.speed_filter > 0.0 and not design.log.of("omega").stated:
         lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
         omega = omega + lag * np.gradient(omega, log.t)
-    if more:
-        from scipy.interpolate import CubicSpline
-
-        omega = CubicSpline(log.t, omega)(np.clip(log.t + more, log.t[0], log.t[-1]))
-    return log.with_channels(omega=omega)
+    return more.undone(log.with_channels(omega=omega), ("omega",))
 
 
 def possible_sampling(design: Design, log: Log) -> tuple[float, float]:

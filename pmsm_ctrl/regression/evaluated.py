@@ -34,7 +34,8 @@ def with_evaluation(design: Design, record: Record, log: Log) -> Design:
         cutoff=record.cutoff,
         late=record.timing.late,
         filter=record.timing.lag,
-        age=record.age,
+        age=None if record.age is None else record.age.late,
+        speed_filter=0.0 if record.age is None else record.age.lag,
         weight=record.wrong,
         edges=record.edges,
         encoder_lines=record.lines,
@@ -56,9 +57,8 @@ def record_as_evaluated(design: Design, log: Log) -> Record:
     if not known.log or known.log != log.fingerprint:
         return timed_record(design, log)
     processing = Processing(standstill=STANDSTILL, cutoff=known.cutoff)
-    record = make_record(
-        design, log, processing, known.age, DriveTiming(known.late, known.filter), known.weight, known.edges
-    )
+    age = None if known.age is None else DriveTiming(known.age, known.speed_filter)
+    record = make_record(design, log, processing, age, DriveTiming(known.late, known.filter), known.weight, known.edges)
     record = without_stretches(record, known.left_out, known.changes)
     record = of_one_axis(design, record) if record.records else record
     return replace(record, lines=known.encoder_lines)

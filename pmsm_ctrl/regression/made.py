@@ -11,7 +11,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Memo, Record, make_record
 from pmsm_ctrl.regression.base_fit import SETTLED
 from pmsm_ctrl.regression.conditioning import Processing
-from pmsm_ctrl.regression.drive_timing import DriveTiming
+from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming
 
 __all__ = ["Made", "for_design"]
 
@@ -49,7 +49,7 @@ class Made:
         self,
         design: Design,
         processing: Processing | None = None,
-        age: float | None = 0.0,
+        age: DriveTiming | None = UNDELAYED,
         timing: DriveTiming | None = None,
     ) -> Record:
         """Do what `make_record` does, once.

@@ -16,14 +16,23 @@ from pmsm_ctrl.evidence.linalg import factored, occupied, orthonormal_rows
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
-from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, STATED_WITHIN, emf_left
+from pmsm_ctrl.regression.drive_timing import (
+    AGE,
+    EMF,
+    EMF_LATE,
+    LATENESS,
+    SPEED_SPREAD,
+    SPREAD,
+    STATED_WITHIN,
+    DriveTiming,
+    emf_left,
+)
 from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
 from pmsm_ctrl.regression.slow_inertia import slow_inertia
 from pmsm_ctrl.regression.two_stage import HeldResponse
 
 __all__ = [
-    "AGE",
     "FILTERED",
     "FIXED",
     "LOAD_SCALE",
@@ -44,7 +53,7 @@ Array = NDArray[np.float64]
 # How well the moments of reversal are known, all of them late or early alike: s, and samples of the log.
 TURNING, TURN, TURN_SAMPLES = "tau_turn", 1e-4, 0.05
 # Age of a speed that the drive filtered before it was logged, s.
-AGE, FILTERED = "tau_speed", 3e-3
+FILTERED = 3e-3
 # Share by which the torque constant is too large beside a known load, which another sensor measured.
 LOAD_SCALE = "kappa_load"
 # Share of a term of the torque that must be its own for it to be estimated.
@@ -258,11 +267,12 @@ def base_groups(
         Of effects beside those of the design; they come last.
     """
     terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
-    timing = [] if record.age is not None else list(_sampling_terms(record, settled))
+    timing = list(_sampling_terms(record, settled) if record.age is None else _speed_terms(record, record.age, settled))
     # what follows from a modelled torque is filtered already
     columns = _columns_of(record, terms) | _columns_of(record, timing, record.late is not None)
     groups = [Group(None, (term.name,), columns[term.name], {}) for term in terms]
-    groups += [Group(None, (term.name,), columns[term.name], {}, sampling=True) for term in timing]
+    misread = record.age is None  # an old speed says when the torque acts, and nothing wrong of the torque
+    groups += [Group(None, (term.name,), columns[term.name], {}, sampling=misread) for term in timing]
     terms += timing
     nominal, sigma, doubt = [term.nominal for term in terms], [term.sigma for term in terms], {}
     if noise_share(record, record.acceleration(), record.shaft_noise()) >= MOST_NOISE:
@@ -329,9 +339,6 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
     for lines in record.lines:
         for number, wave in enumerate(("sin", "cos")):
             yield _Term(f"{wave} {lines}", partial(_line_error, record, lines, number), 0.0, 1.0)
-    if record.age is not None:
-        known = STATED_WITHIN * record.period if design.log.of("omega").stated else FILTERED
-        yield _Term(AGE, lambda: {"torque": record.rate_of(s["torque"])}, 0.0, known, True)
 
 
 def _line_error(record: Record, lines: int, number: int) -> Mapping[str, Array]:
@@ -342,6 +349,20 @@ def _line_error(record: Record, lines: int, number: int) -> Mapping[str, Array]:
 def _changed(record: Record, at: float) -> Mapping[str, Array]:
     """Dry friction from a time on, s."""
     return {"torque": record.signals["direction"] * (record.prepared.t >= at)}
+
+
+def _speed_terms(record: Record, age: DriveTiming, settled: bool) -> Iterator[_Term]:
+    """How a logged speed was sampled, of a log without a position: its mean delay, and half the variance of its filter.
+
+    The latter has no prior until the timing is settled.
+    """
+    torque, stated = record.signals["torque"], record.design.log.of("omega").stated
+    slope = record.rate_of(torque)
+    yield _Term(AGE, lambda: {"torque": slope}, 0.0, STATED_WITHIN * record.period if stated else FILTERED, True)
+    if record.late is not None and not stated:
+        known = max(record.sampling, age.lag) ** 2 / 6.0
+        curved = record.rate_of(slope)
+        yield _Term(SPEED_SPREAD, lambda: {"torque": -curved}, 0.0, known if settled else np.inf, True)
 
 
 def _sampling_terms(record: Record, settled: bool) -> Iterator[_Term]:

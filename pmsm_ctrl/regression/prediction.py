@@ -21,9 +21,9 @@ from pmsm_ctrl.regression.base_fit import (
     with_bristles,
 )
 from pmsm_ctrl.regression.bounds import holding
-from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, DriveTiming
+from pmsm_ctrl.regression.drive_timing import AGE, EMF, LATENESS, DriveTiming
 from pmsm_ctrl.regression.lateness import stopped
-from pmsm_ctrl.regression.model import AGE, TURNING, Model, Solved
+from pmsm_ctrl.regression.model import TURNING, Model, Solved
 from pmsm_ctrl.regression.modelled import with_modelled_torque
 
 __all__ = ["Prediction", "errors", "physical_columns", "predict"]
@@ -72,7 +72,7 @@ class Prediction:
         """How the drive signal was sampled beside the position: undone in the record, and found beside the design."""
         undone = self.record.timing
         if self.record.age is not None:
-            return replace(undone, late=undone.late - self.record.age - self.nuisances[AGE][0])
+            return replace(undone, late=undone.late - self.record.age.delay - self.nuisances[AGE][0])
         return replace(undone, late=undone.late + self.nuisances[LATENESS][0])
 
 

@@ -17,7 +17,9 @@ from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit, settled_model
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.drive_timing import (
+    AGE,
     LATENESS,
+    SPEED_SPREAD,
     SPREAD,
     STATED_WITHIN,
     SURE,
@@ -36,7 +38,7 @@ from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.filter_profile import LOWERED, by_profile
 from pmsm_ctrl.regression.instruments import by_reference
 from pmsm_ctrl.regression.made import Made
-from pmsm_ctrl.regression.model import AGE, FILTERED, FIXED, MOST_NOISE, noise_share
+from pmsm_ctrl.regression.model import FILTERED, FIXED, MOST_NOISE, noise_share
 from pmsm_ctrl.regression.notices import DRIVE_FILTERED, DRIVE_LATE, ENCODER_LINES, SHOWN_MS, TORQUE_EDGES
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
@@ -136,7 +138,8 @@ def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
     sigma, spread = found.sigma
     if record.age is not None:  # a speed that is old makes a torque early
         known_age = STATED_WITHIN * log.period if design.log.of("omega").stated else FILTERED
-        value, sigma = -(record.age + value), math.hypot(sigma, known_age)
+        value, sigma = -(record.age.delay + value), math.hypot(sigma, known_age)
+        spread = max(spread, record.age.lag**2 / 2.0)
     spread = max(spread, record.timing.lag**2 / 6.0)
     stderr = stderr if stderr > FIXED * max(late, early) else 0.0  # what is held has none
     return record.timing.undone(young), Sampling(record.timing, value, stderr, (sigma, spread))
@@ -151,9 +154,10 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
         fit = base_fit(design, record)
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     for _ in range(ROUNDS if record.age is not None else 0):
-        record = made.record(design, same, _age(record, fit))
+        age = _age(design, *_plain(design, record, fit))
+        record = made.record(design, same, age)
         fit = base_fit(design, record)
-        if record.age is None:
+        if age is None:
             break
     for _ in range(ROUNDS if record.age is None and not record.sampling_stated else 0):
         timing = _filter(design, *_plain(design, record, fit))  # edges tell it as well
@@ -165,16 +169,27 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
     return record, fit
 
 
-def _age(record: Record, fit: Estimated) -> float | None:
-    """Age of a speed; None where the drive signal is the later one, by more than sampling can make it.
+def _age(design: Design, record: Record, fit: Estimated) -> DriveTiming | None:
+    """How a speed was sampled; None where the drive signal is the later one, by more than sampling can make it.
 
     No filter makes a speed too early. How late the drive signal is, and behind which filter, is then found as in a log
-    with a position.
+    with a position. A speed has passed a filter where its variance is surely larger than that of a mean over a period.
     """
-    assert record.age is not None
-    value, stderr = fit.value(AGE)
-    age = record.age + value
-    return None if -age - record.sampling > SURE * stderr else age
+    age = record.age
+    assert age is not None
+    free = base_fit(design, record, settled=False)
+    value, stderr = free.value(AGE)
+    delay = age.delay + value
+    if -delay - record.sampling > SURE * stderr:
+        return None
+    if SPEED_SPREAD not in free.model.names:
+        return DriveTiming(delay)
+    value, stderr = free.value(SPEED_SPREAD)
+    spread = age.spread + value
+    if spread - record.period**2 / 24.0 <= SURE * stderr:
+        return DriveTiming(delay)
+    lag = min(math.sqrt(2.0 * spread), max(delay + record.sampling, 0.0))
+    return DriveTiming(delay - lag, lag)
 
 
 def _is_slow(record: Record) -> bool:
