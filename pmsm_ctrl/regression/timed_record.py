@@ -53,6 +53,7 @@ ROUNDS = 2  # in which the time of sampling is found: what is left then is met t
 EXPANDED = 0.2
 # Angle at the end of the band, rad, beyond which a filter of a log period is no matter of two moments: 600 Hz and less.
 REACHES = 2.0 * EXPANDED
+ROUNDS_OF_SPEED = 4  # the filter of a speed is often several periods long
 HALVINGS = 2  # of the default band: 10 Hz still hold the friction of an axis
 BLUE = 0.66  # what half the band leaves of a noise that grows with the frequency; of white noise it leaves 0.7
 WIDER = 1.25  # times the default band: less is not worth a second pass
@@ -153,8 +154,10 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
         record = made.record(design, Processing(standstill=STANDSTILL, cutoff=band))
         fit = base_fit(design, record)
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
-    for _ in range(ROUNDS if record.age is not None else 0):
+    for _ in range(ROUNDS_OF_SPEED if record.age is not None else 0):
         age = _age(design, *_plain(design, record, fit))
+        if age == record.age:
+            break
         record = made.record(design, same, age)
         fit = base_fit(design, record)
         if age is None:
