@@ -75,8 +75,8 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float, su
     -------
     dict of int to float
     """
-    if record.linear or not record.angle:
-        return {}  # no turn, or no angle
+    if record.linear or (record.records and not record.angle):
+        return {}  # no turn, or speeds whose integral begins anew with each record
     weight = (record.weight[0] * sure)[record.mask]
     known = np.linalg.qr(_scaled(matrix[record.mask] * weight[:, None]))[0]
     left = residual[record.mask] * weight / max(sigma, 1e-300)
