@@ -218,7 +218,8 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
     k = fit.model.names.index(AGE)
     lag, error = fit.record.age.delay + float(fit.plain.values[k]), float(fit.plain.stderr[k])
     if lag > max(policy.sure_errors * error, 0.1 * fit.record.period):  # an early speed is what sampling can do
-        yield notices.SPEED_LAG(lag=with_error(1e3 * lag, 1e3 * error))
+        said, filtered = with_error(1e3 * lag, 1e3 * error), 1e3 * fit.record.age.lag
+        yield notices.SPEED_FILTERED(lag=said, filter=filtered) if filtered > 0.0 else notices.SPEED_LAG(lag=said)
 
 
 def _pole_pairs_instead(design: Design, constant: Deviation, policy: Policy) -> str:

@@ -43,6 +43,7 @@ __all__ = [
     "RESONANCE_STATED",
     "SINGLE_WAVE",
     "SLOW_TORQUE",
+    "SPEED_FILTERED",
     "SPEED_LAG",
     "TOO_SHORT",
     "TORQUE_CONSTANT",
@@ -87,6 +88,11 @@ SPEED_LAG = Template(
     "speed_lag",
     "the logged speed lags the torque by {lag} ms (corrected): a filter of the drive, or a delay between channels; a "
     "log with theta distinguishes the two",
+)
+SPEED_FILTERED = Template(
+    "speed_lag",
+    "the logged speed lags the torque by {lag} ms (corrected): it passed a filter with a time constant of about "
+    "{filter:.2g} ms; if the time constant is known, state it as filter of omega in [log.sampled]",
 )
 WINDING_SUBSTITUTE = Template(
     "winding_substitute",

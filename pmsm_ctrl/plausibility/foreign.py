@@ -37,6 +37,8 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...]]
     late = lag * width + slope.value
     if abs(late) - POLICY.late_errors * slope.stderr <= max(POLICY.late, POLICY.late_periods * log.period):
         return log, ()
+    if -POLICY.beyond <= late < 0.0 and "theta" not in log:
+        return log, ()  # drives filter a speed: the fits find by how much
     filtered = False
     if late > 0.0:
         # y + tau y' is the torque exactly behind a filter of first order; behind a delay the lag in bins is better

@@ -51,7 +51,8 @@ def test_a_filtered_speed_is_no_missing_effect(seed: int) -> None:
     speed_alone = Log({name: values for name, values in log.channels.items() if name != "theta"})
     found = diagnose(design, speed_alone, plan=False)
     assert found.verdict == "consistent"
-    assert found.record.age == pytest.approx(1e-3, abs=5e-5)
+    assert found.record.age is not None
+    assert found.record.age.delay == pytest.approx(1e-3, abs=5e-5)
     assert any("lags the torque by" in text and "(corrected)" in text for text in found.warnings)
 
 

@@ -276,6 +276,24 @@ def test_a_current_later_than_a_speed_is_a_delay(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
+@pytest.mark.parametrize(("lag", "filtered"), [(0.0, False), (2e-3, True), (6e-3, True)])
+def test_the_filter_of_a_speed_is_undone(seed: int, lag: float, filtered: bool) -> None:
+    """With its mean delay alone corrected, a gap or a spring explained the rest of a filter."""
+    found = diagnose(believed(), of_speed_alone(made(seed), lag), plan=False)
+    assert (found.verdict, names(found)) == ("consistent", [])
+    age = found.record.age
+    assert age is not None
+    assert (age.lag > 0.0) is filtered
+    # the filter in steps of a period answers half a period earlier than that of continuous time
+    assert age.lag == pytest.approx(lag, rel=0.1)
+    assert age.delay == pytest.approx(lag - (0.5 * PERIOD if filtered else 0.0), abs=0.1e-3)
+    assert any("passed a filter" in text for text in found.warnings) is filtered
+    assert found.errors["final"]["torque"]["relative"] == pytest.approx(
+        compare(found.design, of_speed_alone(made(seed), lag)).log.errors["torque"].relative, rel=1e-3
+    )
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize(("late", "lag", "speed"), [(0.0, 0.0, 3e-3), (0.0, 5e-3, 0.0), (0.5e-3, 0.0, 0.0)])
 def test_filters_and_sampling_beside_a_speed_are_no_delay(seed: int, late: float, lag: float, speed: float) -> None:
     found = diagnose(believed(), of_speed_alone(made(seed, late=late, lag=lag), speed), plan=False)

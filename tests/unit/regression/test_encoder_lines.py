@@ -88,3 +88,12 @@ def test_lines_are_what_must_not_be_taken_for_a_wave_of_as_many_periods(design: 
     assert 1.0 - left[1][0] / np.sum(swing[inside][slow] ** 2) > 0.9
     assert not cogging.structure.rivals(cogging, {"order": 60.0}, record)
     assert not cogging.structure.rivals(cogging, {"order": 16.0}, record)
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2))
+@pytest.mark.parametrize("error", [0.0, 3e-4])
+def test_the_lines_of_an_encoder_show_in_a_speed_alone(design: Design, error: float, seed: int) -> None:
+    """They were taken for a cogging of their order."""
+    log = swinging(64, error, seed)
+    log = Log({"t": log.t, "omega": np.gradient(log["theta"], log.t), "torque": log["torque"]})
+    assert timed_record(design, log).lines == ((64,) if error > 0.0 else ())
