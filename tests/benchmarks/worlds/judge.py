@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from tests.benchmarks.worlds.hidden import hidden_log, possible, simulate_world
+from tests.benchmarks.worlds.speed_alone import UNTRIED, speed_alone
 from tests.benchmarks.worlds.world import draw
 
 # Names that a log of this kind cannot tell from the hidden one, whatever the diagnosis says of it.
@@ -40,13 +41,14 @@ def row_of(case: tuple[int, str | None, float, dict[str, Any]]) -> dict[str, Any
 
     warnings.simplefilter("ignore")
     seed, effect, wanted, fixed = case
-    world = draw(seed, **fixed)
+    alone = bool(fixed.get("speed_alone"))
+    world = draw(seed, **{name: value for name, value in fixed.items() if name != "speed_alone"})
     reached, values = 0.0, {}
     try:
         if effect is None:
             log = simulate_world(world)
         else:
-            offered = possible(world)
+            offered = [name for name in possible(world) if not (alone and name in UNTRIED)]
             effect = effect if effect != "any" else offered[seed % len(offered)]
             if effect not in offered:
                 return None
@@ -58,7 +60,7 @@ def row_of(case: tuple[int, str | None, float, dict[str, Any]]) -> dict[str, Any
         return None
     row: dict[str, Any] = {"seed": seed, "hidden": effect, "margin": reached, "values": values, **world.properties}
     try:
-        found = diagnose(world.design, log, plan=False)
+        found = diagnose(world.design, speed_alone(log, seed) if alone else log, plan=False)
     except PmsmCtrlError as error:
         return row | {"verdict": "refused", "named": [], "first": "refused", "flagged": [], "why": str(error)}
     named = [s.effect for s in found.steps]
@@ -159,11 +161,12 @@ def main() -> None:
     parser.add_argument("--log-rate", type=float, default=None, help="Hz, in place of 250 to 8000 drawn")
     parser.add_argument("--motion", default=None)
     parser.add_argument("--mode", default=None)
+    parser.add_argument("--speed-alone", action="store_true", help="a filtered speed in place of the angle")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--rows", type=Path, default=None, help="keeps every row: a run that was stopped goes on")
     args = parser.parse_args()
     fixed = {"log_rate": args.log_rate, "motion": args.motion, "mode": args.mode}
-    fixed = {k: v for k, v in fixed.items() if v is not None}
+    fixed = {k: v for k, v in fixed.items() if v is not None} | ({"speed_alone": True} if args.speed_alone else {})
     cases: list[tuple[int, str | None, float, dict[str, Any]]] = [
         (args.first + k, None, 0.0, fixed) for k in range(args.clean)
     ]
