@@ -78,7 +78,7 @@ def errors_on_log(design: Design, logs: Logs, level: float, slope: float) -> Log
     held = joint_design(design, level, slope)
     # the same samples in the same band, sampled in the same way
     same = Processing(standstill=STANDSTILL, cutoff=balances.cutoff)
-    alike = make_record(held, log, same, balances.age, balances.timing)
+    alike = make_record(held, log, same, balances.age_elsewhere, balances.timing)
     full = predict(design, balances)
     joint = predict(held, alike, full)
     used = balances.mask & alike.mask

@@ -181,6 +181,11 @@ class Record:
     kept: Memo = field(default_factory=dict, repr=False)
 
     @property
+    def age_elsewhere(self) -> DriveTiming | None:
+        """How old a speed is in another log of the same drive; it counts only where that has no position."""
+        return UNDELAYED if self.angle else self.age
+
+    @property
     def t(self) -> Array:
         """Time of the thinned grid, s."""
         return self.prepared.t[self.prepared.keep]

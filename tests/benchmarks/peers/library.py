@@ -162,7 +162,7 @@ def generic(library: Library) -> Library:
 def read_alike(design: Design, log: Log, record: Record) -> Record:
     """Return another log of the same axis, conditioned as the first one was."""
     same = Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
-    return make_record(design, doubts_about(design, log).log, same, record.age, record.timing)
+    return make_record(design, doubts_about(design, log).log, same, record.age_elsewhere, record.timing)
 
 
 def held_out(library: Library, record: Record, chosen: Iterable[str]) -> float:
