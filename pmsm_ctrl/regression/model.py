@@ -16,24 +16,14 @@ from pmsm_ctrl.evidence.linalg import factored, occupied, orthonormal_rows
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
-from pmsm_ctrl.regression.drive_timing import (
-    AGE,
-    EMF,
-    EMF_LATE,
-    LATENESS,
-    SPEED_SPREAD,
-    SPREAD,
-    STATED_WITHIN,
-    DriveTiming,
-    emf_left,
-)
+from pmsm_ctrl.regression.drive_timing import STATED_WITHIN
 from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
+from pmsm_ctrl.regression.sampling_terms import Term, sampling_terms, speed_terms
 from pmsm_ctrl.regression.slow_inertia import slow_inertia
 from pmsm_ctrl.regression.two_stage import HeldResponse
 
 __all__ = [
-    "FILTERED",
     "FIXED",
     "LOAD_SCALE",
     "MOST_NOISE",
@@ -52,8 +42,6 @@ Array = NDArray[np.float64]
 
 # How well the moments of reversal are known, all of them late or early alike: s, and samples of the log.
 TURNING, TURN, TURN_SAMPLES = "tau_turn", 1e-4, 0.05
-# Age of a speed that the drive filtered before it was logged, s.
-FILTERED = 3e-3
 # Share by which the torque constant is too large beside a known load, which another sensor measured.
 LOAD_SCALE = "kappa_load"
 # Share of a term of the torque that must be its own for it to be estimated.
@@ -61,7 +49,6 @@ OWN = 0.02
 MOST_NOISE, HELD = 0.05, 0.01  # share of noise in the acceleration from which on the inertia is held, to within a share
 # What the friction of an axis at rest hangs on: not on its load, its angle or its age.
 DRY = frozenset(("omega", "direction", "p"))
-VAGUE = 100.0  # prior of the delay of the drive signal, in units of what is possible
 FIXED = 1e-4  # share of a value within which it stays where it must not move
 # Tolerance of a datasheet's value where the design states none.
 TOLERANCE = 0.15
@@ -236,22 +223,6 @@ class Solved:
         return float(self.rest @ self.rest)
 
 
-@dataclass(frozen=True, eq=False)
-class _Term:
-    """A column of its own, with its nominal value and tolerance.
-
-    `parts` returns what it does to each balance at the log's rate; `modelled` where that hangs on the current or torque
-    that a model predicts, `kept` as "turning" where it hangs on the direction. All others are the same in every fit.
-    """
-
-    name: str
-    parts: Callable[[], Mapping[str, Array]]
-    nominal: float
-    sigma: float
-    modelled: bool = False
-    kept: str = "base"
-
-
 def base_groups(
     design: Design, record: Record, settled: bool = True, further: Sequence[Group] = ()
 ) -> tuple[Model, tuple[str, ...]]:
@@ -267,7 +238,7 @@ def base_groups(
         Of effects beside those of the design; they come last.
     """
     terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
-    timing = list(_sampling_terms(record, settled) if record.age is None else _speed_terms(record, record.age, settled))
+    timing = list(sampling_terms(record, settled) if record.age is None else speed_terms(record, record.age, settled))
     # what follows from a modelled torque is filtered already
     columns = _columns_of(record, terms) | _columns_of(record, timing, record.late is not None)
     groups = [Group(None, (term.name,), columns[term.name], {}) for term in terms]
@@ -305,7 +276,7 @@ def base_groups(
     return replace(model, doubt=doubt), tuple(notes)
 
 
-def _columns_of(record: Record, terms: Sequence[_Term], filtered: bool = False) -> dict[str, Rows]:
+def _columns_of(record: Record, terms: Sequence[Term], filtered: bool = False) -> dict[str, Rows]:
     """Return the columns of terms, filtered side by side; what follows from the motion alone is remembered."""
     known = {term.name: (term.kept, term.name) for term in terms if not term.modelled}
     out: dict[str, Rows] = {name: record.kept[key] for name, key in known.items() if key in record.kept}
@@ -323,22 +294,22 @@ def _columns_of(record: Record, terms: Sequence[_Term], filtered: bool = False) 
     return out
 
 
-def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
+def _motion_terms(design: Design, record: Record) -> Iterator[Term]:
     """Inertia, and what is not known of the moments of reversal and of the age of a logged speed."""
     s, tolerance = record.signals, design.motor.tolerance.get("J", TOLERANCE)
-    yield _Term("J", lambda: {"torque": s["alpha"]}, design.J, tolerance * design.J)
+    yield Term("J", lambda: {"torque": s["alpha"]}, design.J, tolerance * design.J)
     if record.dry > 0.0:
-        yield _Term(
+        yield Term(
             TURNING, lambda: {"torque": -record.dry * record.rate_of(s["direction"])}, 0.0,
             TURN + TURN_SAMPLES * record.period, kept="turning",
         )  # fmt: skip
     for at in record.changes:
-        yield _Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf, kept="turning")
+        yield Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf, kept="turning")
     if "T_load" in s and np.ptp(s["T_load"]) > 0.0:
-        yield _Term(LOAD_SCALE, lambda: {"torque": s["T_load"]}, 0.0, design.motor.tolerance.get("psi_f", TOLERANCE))
+        yield Term(LOAD_SCALE, lambda: {"torque": s["T_load"]}, 0.0, design.motor.tolerance.get("psi_f", TOLERANCE))
     for lines in record.lines:
         for number, wave in enumerate(("sin", "cos")):
-            yield _Term(f"{wave} {lines}", partial(_line_error, record, lines, number), 0.0, 1.0)
+            yield Term(f"{wave} {lines}", partial(_line_error, record, lines, number), 0.0, 1.0)
 
 
 def _line_error(record: Record, lines: int, number: int) -> Mapping[str, Array]:
@@ -349,42 +320,6 @@ def _line_error(record: Record, lines: int, number: int) -> Mapping[str, Array]:
 def _changed(record: Record, at: float) -> Mapping[str, Array]:
     """Dry friction from a time on, s."""
     return {"torque": record.signals["direction"] * (record.prepared.t >= at)}
-
-
-def _speed_terms(record: Record, age: DriveTiming, settled: bool) -> Iterator[_Term]:
-    """How a logged speed was sampled, of a log without a position: its mean delay, and half the variance of its filter.
-
-    The latter has no prior until the timing is settled.
-    """
-    torque, stated = record.signals["torque"], record.design.log.of("omega").stated
-    slope = record.rate_of(torque)
-    yield _Term(AGE, lambda: {"torque": slope}, 0.0, STATED_WITHIN * record.period if stated else FILTERED, True)
-    if record.late is not None and not stated:
-        known = max(record.sampling, age.lag) ** 2 / 6.0
-        curved = record.rate_of(slope)
-        yield _Term(SPEED_SPREAD, lambda: {"torque": -curved}, 0.0, known if settled else np.inf, True)
-
-
-def _sampling_terms(record: Record, settled: bool) -> Iterator[_Term]:
-    """How the drive signal was sampled, beside the position; see `drive_timing`.
-
-    Its mean delay, and half the variance of its impulse response; the latter has no prior until the timing is settled.
-    """
-    torque = record.signals["torque"]
-    yield _Term(LATENESS, lambda: {"torque": -record.slope_behind(torque)}, 0.0, VAGUE * record.sampling, True)
-    if record.late is not None:
-        curved = record.rate_of(record.rate_of(torque))
-        known = max(record.sampling, record.timing.lag) ** 2 / 6.0
-        yield _Term(SPREAD, lambda: {"torque": curved}, 0.0, known if settled else np.inf, True)
-    if (column := _emf_left(record)) is not None:
-        yield _Term(EMF, lambda: {"torque": column}, 0.0, EMF_LATE, True)
-
-
-def _emf_left(record: Record) -> Array | None:
-    if (key := ("emf",)) not in record.kept:
-        record.kept[key] = emf_left(record.design, record.signals["alpha"], record.period, record.sampling_stated)
-    column: Array | None = record.kept[key]
-    return column
 
 
 def known(model: Model, values: Array) -> Known:
@@ -407,7 +342,7 @@ def noise_share(record: Record, alpha: Array, noise: float | None = None) -> flo
     return float(noise**2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
 
 
-def _winding(design: Design, record: Record) -> Iterator[_Term]:
+def _winding(design: Design, record: Record) -> Iterator[Term]:
     """R, L_d, L_q, psi_f and nuisances: age and angle of the voltage command, its sampling."""
     from pmsm_ctrl.kernels.balance import voltage_d, voltage_q
 
@@ -442,7 +377,7 @@ def _winding(design: Design, record: Record) -> Iterator[_Term]:
         elif name not in ANSWER:
             nominal = float(getattr(motor, name))
             sigma = motor.tolerance.get(name, TOLERANCE) * nominal
-        yield _Term(name, part, nominal, sigma, modelled)
+        yield Term(name, part, nominal, sigma, modelled)
 
 
 def solve_model(record: Record, model: Model, whitener: Whitener, like: Solved | None = None) -> Solved:

@@ -38,8 +38,9 @@ from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.filter_profile import LOWERED, by_profile
 from pmsm_ctrl.regression.instruments import by_reference
 from pmsm_ctrl.regression.made import Made
-from pmsm_ctrl.regression.model import FILTERED, FIXED, MOST_NOISE, noise_share
+from pmsm_ctrl.regression.model import FIXED, MOST_NOISE, noise_share
 from pmsm_ctrl.regression.notices import DRIVE_FILTERED, DRIVE_LATE, ENCODER_LINES, SHOWN_MS, TORQUE_EDGES
+from pmsm_ctrl.regression.sampling_terms import FILTERED
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
 
