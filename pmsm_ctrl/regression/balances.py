@@ -384,9 +384,7 @@ def _made(
     if "i_d" in signals:
         signals["i_d_meas"] = signals["i_d"]
         signals["i_d"] = intended_i_d(log, prepared, signals["i_d"])
-    if "omega_ref" in log or "theta_ref" in log:
-        told = on_grid(log, prepared, "omega_ref" if "omega_ref" in log else "theta_ref")
-        signals["omega_ref"] = told if "omega_ref" in log else derivative(told, 1.0 / prepared.rate)
+    signals |= _speed_asked(log, prepared)
     add_slopes(signals, prepared, raw)
     load = signals.get("T_load", np.zeros_like(prepared.t))
     driving = signals["torque"] - load
@@ -422,6 +420,14 @@ def _made(
         edges=edges, step=resolution, weighing=weighing,
         rough=rough_acceleration(resolution, given.rate, prepared.cutoff),
     )  # fmt: skip
+
+
+def _speed_asked(log: Log, prepared: Prepared) -> dict[str, Array]:
+    if "omega_ref" in log:
+        return {"omega_ref": on_grid(log, prepared, "omega_ref")}
+    if "theta_ref" in log:
+        return {"omega_ref": derivative(on_grid(log, prepared, "theta_ref"), 1.0 / prepared.rate)}
+    return {}
 
 
 def _require_samples(mask: Mask, prepared: Prepared, log: Log) -> None:
