@@ -90,7 +90,7 @@ SPEED_LAG = Template(
     "log with theta distinguishes the two",
 )
 SPEED_FILTERED = Template(
-    "speed_lag",
+    "speed_filtered",
     "the logged speed lags the torque by {lag} ms (corrected): it passed a filter with a time constant of about "
     "{filter:.2g} ms; if the time constant is known, state it as filter of omega in [log.sampled]",
 )

@@ -298,7 +298,7 @@ def test_the_filter_of_a_speed_is_undone(seed: int, lag: float, filtered: bool) 
 def test_filters_and_sampling_beside_a_speed_are_no_delay(seed: int, late: float, lag: float, speed: float) -> None:
     found = diagnose(believed(), of_speed_alone(made(seed, late=late, lag=lag), speed), plan=False)
     assert names(found) == []
-    assert ("speed_lag" in found.to_dict()["warning_codes"]) is (speed > 0.0)
+    assert ("speed_filtered" in found.to_dict()["warning_codes"]) is (speed > 0.0)
     assert found.timing.lag == pytest.approx(lag, rel=0.1)
 
 
