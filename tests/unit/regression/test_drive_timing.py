@@ -275,6 +275,14 @@ def test_a_current_later_than_a_speed_is_a_delay(seed: int) -> None:
     assert "speed_lag" not in found.to_dict()["warning_codes"]
 
 
+@pytest.mark.parametrize("age", [UNDELAYED, DriveTiming(1e-3, 2e-3), None])
+def test_a_held_out_speed_is_as_old_as_that_of_the_log(age: DriveTiming | None) -> None:
+    """A log with a position says nothing of the age of a speed."""
+    log = made(1)
+    assert make_record(believed(), log, age=age).age_elsewhere == UNDELAYED
+    assert make_record(believed(), of_speed_alone(log), age=age).age_elsewhere == age
+
+
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize(("lag", "filtered"), [(0.0, False), (2e-3, True), (6e-3, True)])
 def test_the_filter_of_a_speed_is_undone(seed: int, lag: float, filtered: bool) -> None:
