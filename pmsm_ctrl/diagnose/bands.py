@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.case import Case
@@ -26,6 +27,8 @@ from pmsm_ctrl.regression.two_stage import beside_held
 __all__ = ["conditioned_in", "unlike_in_half", "without_events"]
 
 
+Array = NDArray[np.float64]
+
 # Samples of the thinned grid beyond which hundreds of columns are not kept beside a second record: they are larger.
 FEW = 30_000
 
@@ -37,7 +40,8 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = Fal
     shape is that of the whole band. A delay is linearised about itself and has no amount to compare; of a wave of a
     turn that is mostly too fast for half the band, the skirts of the filters are left. Where an effect is most of the
     residual, the sampling that half the band finds without it may be wrong by milliseconds, and the amounts with it:
-    the log is then conditioned there with the effect as well.
+    the log is then conditioned there with the effect as well. The inertia may be as wrong: the amounts of an effect
+    without a memory, whose shape adapts to nothing, are then those of a fit of everything in either band.
 
     Parameters
     ----------
@@ -57,7 +61,21 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = Fal
     refusal = _unlike_in(conditioned_in(band, case), case, before, after, surely)
     if refusal is None or not _is_most(before, after, case.policy):
         return refusal
-    return _unlike_in(_in_band(case, band=band, shown=fitted_design(case.design, after)), case, before, after, surely)
+    half = _in_band(case, band=band, shown=fitted_design(case.design, after))
+    refusal = _unlike_in(half, case, before, after, surely)
+    position = after.position(len(after.accepted) - 1)
+    if refusal is None or half is None or one.effect.structure.has_memory or position is None:
+        return refusal
+    there = without_events(half, case.events).without_candidates(after.accepted)
+    own, part = (fit.model.columns_of(fit.position(len(fit.accepted) - 1) or 0) for fit in (after, there))
+    return _same(
+        after.plain.values[own],
+        there.plain.values[part],
+        there.plain.stderr[part],
+        _amounts(before, one)[0].size,
+        case.policy,
+        surely,
+    )
 
 
 def _is_wave(one: Accepted) -> bool:
@@ -80,12 +98,19 @@ def _unlike_in(half: Case | None, case: Case, before: Fitted, after: Fitted, sur
     (whole, passed), (part, left_over) = (_amounts(fit, one) for fit in (before, there))
     if min(whole.rank, part.rank) < len(whole.size) or (wave and left_over < case.policy.stable * passed):
         return unknown
-    weights = part.size**2 * whole.values  # amounts of other units count by the torque that they make
-    scale = float(weights @ whole.values)
-    left, stderr = float(weights @ part.values) / scale, math.sqrt(float(weights**2 @ part.stderr**2)) / scale
     # a minor gap that surely is the same up to a factor is confirmed by twice as much elsewhere
     fixed = not structure.has_memory or (structure.unlike_rivals and not surely)
-    return criteria.same_in_half(left, stderr, case.policy, surely, fixed)
+    return _same(whole.values, part.values, part.stderr, part.size, case.policy, surely, fixed)
+
+
+def _same(
+    whole: Array, part: Array, stderr: Array, size: Array, policy: Policy, surely: bool, fixed: bool = True
+) -> Refusal | None:
+    """Compare amounts in half the band with those in the band: those of other units count by the torque they make."""
+    weights = size**2 * whole
+    scale = float(weights @ whole)
+    left, error = float(weights @ part) / scale, math.sqrt(float(weights**2 @ stderr**2)) / scale
+    return criteria.same_in_half(left, error, policy, surely, fixed)
 
 
 def _amounts(fit: Fitted, one: Accepted) -> tuple[Added, float]:

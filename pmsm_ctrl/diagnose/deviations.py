@@ -10,14 +10,13 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.held_reference import inertia_doubted, negative_friction
 from pmsm_ctrl.diagnose.measures import WINDING, machine_of, seen_beyond, winding_deviation, winding_return
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
-from pmsm_ctrl.regression.conditioning import default_cutoff
 from pmsm_ctrl.regression.drive_timing import AGE, LATENESS
 from pmsm_ctrl.regression.model import LOAD_SCALE
-from pmsm_ctrl.regression.timed_record import FRICTION
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -50,7 +49,7 @@ def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[De
     sure = abs(estimate - nominal) > policy.sure_errors * error
     outside = bool(abs(estimate / nominal - 1.0) > allowed and sure)
     flagged = outside and _is_seen(fit, k, _edge(nominal, estimate, allowed) / factor, policy)
-    doubt = _negative_friction(fit, policy) if flagged else ""
+    doubt = negative_friction(fit, policy) if flagged else ""
     flagged = flagged and not doubt
     note = f"beyond {100 * allowed:.0f} %: it scales every torque" if flagged else doubt or _unseen(outside)
     yield Deviation("K_t", nominal, float(estimate), float(error), UNITS["K_t"], outside, flagged, note)
@@ -81,7 +80,7 @@ def _machine(design: Design, selection: Selection, policy: Policy) -> Iterator[D
         flagged = outside and _is_seen(fit, fit.model.names.index(name), _edge(nominal, value, tolerance), policy)
         doubt = _doubted(selection, name, value, _edge(nominal, value, tolerance), policy) if flagged else ""
         if flagged and name == "J":
-            doubt = _inertia_doubted(fit, abs(value / nominal - 1.0) - tolerance, policy)
+            doubt = inertia_doubted(fit, value / nominal - 1.0, tolerance, policy)
         flagged = flagged and not doubt
         note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else doubt or _unseen(outside)
         if flagged and name == "J" and not fit.record.sampling_stated:
@@ -101,7 +100,7 @@ def _doubted(selection: Selection, name: str, value: float, edge: float, policy:
         return ""
     if value <= 0.0:
         return "no motor has one below zero: an effect of another shape than the model's resembles it"
-    doubt = _negative_friction(selection.fit, policy) if name == "psi_f" else ""
+    doubt = negative_friction(selection.fit, policy) if name == "psi_f" else ""
     if doubt := doubt or _restored_by(selection.fit, policy):
         return doubt
     found = [float(fit.plain.values[fit.model.names.index(name)]) for fit in selection.fits]
@@ -116,34 +115,6 @@ def _doubted(selection: Selection, name: str, value: float, edge: float, policy:
     if by is None or moved <= abs(value - edge):
         return ""
     return f"outside its tolerance, but {name_of(by.trial)} resembles it and moved it by {moved:.3g}: not sure"
-
-
-def _inertia_doubted(fit: Fitted, beyond: float, policy: Policy) -> str:
-    """Return why an inertia beyond its tolerance by a share of the design's may be none of the axis; empty where it is.
-
-    A reference that is held for T steps by alpha T. A speed loop of angular frequency w answers with a jump of the
-    torque by J w alpha T, which fades to its mean until the next step. Where every sample stands at the same place of
-    such a step, as where the log's period is T or a multiple of it, half of that is taken for inertia. The loop is
-    taken to be as fast as the usual band.
-    """
-    record = fit.record
-    if doubt := _negative_friction(fit, policy):
-        return doubt
-    if not record.sampling_stated and beyond <= math.pi * default_cutoff(record.prepared.rate) * record.period:
-        return f"outside its tolerance, but a {record.drive} sampled in step with a held reference shows the same"
-    return ""
-
-
-def _negative_friction(fit: Fitted, policy: Policy) -> str:
-    """Return that a friction of the axis would surely be negative: what was logged is not its torque alone."""
-    negative = [
-        fit.model.names[k]
-        for k, bound in fit.estimate.held.items()
-        if fit.model.names[k] in FRICTION.values()
-        and bound - float(fit.plain.values[k]) > policy.sure_errors * float(fit.plain.stderr[k])
-    ]
-    said = f"outside its tolerance, but not sure: {' and '.join(negative)} would be negative as well"
-    return said if negative else ""
 
 
 def _unseen(outside: bool) -> str:

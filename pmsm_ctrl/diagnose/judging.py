@@ -10,6 +10,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.contradictions import contradicting
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
+from pmsm_ctrl.diagnose.held_reference import shows_in_inertia
 from pmsm_ctrl.diagnose.measures import (
     beside_rivals,
     contribution,
@@ -30,7 +31,7 @@ from pmsm_ctrl.diagnose.measures import (
     winding_deviation,
 )
 from pmsm_ctrl.diagnose.policy import Policy
-from pmsm_ctrl.diagnose.refusal import Refusal
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.shapes import sizes_in_shape
 from pmsm_ctrl.evidence.tests import f_tail
@@ -173,6 +174,8 @@ def judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> 
         refusal = None  # a winding so far off its datasheet has served some balance better than the truth does
     elif refusal is None and trial.candidate.effect.enters == "voltage":
         voltages = [name for name in new if name != "torque"]
+        if returned > policy.returned and shows_in_inertia(before, policy):
+            return Refusal(Reason.IN_STEP)
         refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, noise, policy)
     elif refusal is None and [row for row, _ in trial.group.entering] == [0]:
         # what shows in a voltage as well may change the torque's error by chance: its balances were judged together

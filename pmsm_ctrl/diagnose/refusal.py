@@ -24,6 +24,7 @@ class Reason(StrEnum):
     NOT_CONFIRMED = "not_confirmed"
     EXPLAINED_BY_RIVALS = "explained_by_rivals"
     LIKE_RIPPLE = "like_ripple"
+    IN_STEP = "in_step"
     BALANCE_WORSE = "balance_worse"
     ERROR_NOT_LOWERED = "error_not_lowered"
     MODEL_OUT_OF_BOUNDS = "model_out_of_bounds"
@@ -58,6 +59,8 @@ WORDS: Mapping[Reason, str] = {
     "turn (cross-validation gain beside them {gain})",
     Reason.LIKE_RIPPLE: "not distinguishable from the reluctance torque of a current ripple ({percent:.0f} % of it): "
     "instants of i_d and i_q in the log, stated as such, would tell",
+    Reason.IN_STEP: "not distinguishable from currents and voltages sampled in step with a held reference: the winding "
+    "without it and the inertia are both outside their tolerance, as such a log shows them",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",

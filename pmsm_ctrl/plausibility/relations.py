@@ -199,11 +199,12 @@ def voltage_balances(
     motion = moved(bins, BOXES)
     if motion is None:
         return {}
-    omega = motion[0]
+    omega, alpha = motion
     u_d, u_q, i_d, i_q = (bins.smooth(have[name], BOXES) for name in names)
     w = p * omega
     d = {"R": i_d, "X": -w * i_q, "L": np.gradient(i_d, bins.width), "tilt": w}
     q = {"R": i_q, "psi_f": w, "X": w * i_d, "L": np.gradient(i_q, bins.width), "u_0": np.ones_like(w)}
+    q["late"] = p * alpha  # of a motion that is late or early the back-emf holds some acceleration, as i_q does
     return {"d": fitted(u_d, d), "q": fitted(u_q, q)}
 
 

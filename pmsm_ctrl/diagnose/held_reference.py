@@ -1,0 +1,85 @@
+"""A torque that was sampled in step with its reference, or is a command: the inertia and the winding that it shows."""
+
+from __future__ import annotations
+
+import math
+
+from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.measures import machine_of
+from pmsm_ctrl.diagnose.policy import Policy
+from pmsm_ctrl.regression.conditioning import default_cutoff
+from pmsm_ctrl.regression.drive_timing import emf_as_inertia
+from pmsm_ctrl.regression.timed_record import FRICTION
+
+__all__ = ["inertia_doubted", "negative_friction", "shows_in_inertia"]
+
+
+def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -> str:
+    """Return why an inertia beyond its tolerance may be none of the axis; empty where it is.
+
+    A reference that is held for T steps by alpha T. A speed loop of angular frequency w answers with a jump of the
+    torque by J w alpha T, which fades to its mean until the next step. Where every sample stands at the same place of
+    such a step, as where the log's period is T or a multiple of it, half of that is taken for inertia. The loop is
+    taken to be as fast as the usual band.
+
+    A current loop with an integrator follows the ramp of a back-emf that nobody feeds forward with a current that is
+    too small by p psi_f d omega / dt over R times its bandwidth: what its command says more than the current is in
+    proportion to the acceleration, and taken for inertia where the command was logged.
+
+    Parameters
+    ----------
+    fit : Fitted
+    off : float
+        The inertia's difference from the design's, as a share of that.
+    tolerance : float
+        As a share.
+    policy : Policy
+    """
+    record = fit.record
+    if doubt := negative_friction(fit, policy):
+        return doubt
+    beyond = abs(off) - tolerance
+    if record.sampling_stated:
+        return ""
+    if beyond <= math.pi * default_cutoff(record.prepared.rate) * record.period:
+        return f"outside its tolerance, but a {record.drive} sampled in step with a held reference shows the same"
+    if off > 0.0 and beyond <= emf_as_inertia(record.design):
+        return f"outside its tolerance, but the command of a {record.drive} shows the same, by the back-emf"
+    return ""
+
+
+def negative_friction(fit: Fitted, policy: Policy) -> str:
+    """Return that a friction of the axis would surely be negative: what was logged is not its torque alone.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    negative = [
+        fit.model.names[k]
+        for k, bound in fit.estimate.held.items()
+        if fit.model.names[k] in FRICTION.values()
+        and bound - float(fit.plain.values[k]) > policy.sure_errors * float(fit.plain.stderr[k])
+    ]
+    said = f"outside its tolerance, but not sure: {' and '.join(negative)} would be negative as well"
+    return said if negative else ""
+
+
+def shows_in_inertia(fit: Fitted, policy: Policy) -> bool:
+    """Whether the inertia is surely off its tolerance, and a torque in step with a held reference explains that.
+
+    The current that such a log holds is too large or too small by a share of the acceleration, and so is what the
+    voltages hold of it: what they show in proportion to the current's sign or size is no effect of its own.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    found = machine_of(fit.record.design, fit, policy.tolerance).get("J")
+    if found is None:
+        return False
+    value, stderr, nominal, tolerance = found
+    outside = abs(value - nominal) - tolerance * nominal > policy.sure_errors * stderr
+    return outside and bool(inertia_doubted(fit, value / nominal - 1.0, tolerance, policy))
