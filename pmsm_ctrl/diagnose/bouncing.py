@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.effects.structures import Gap
 from pmsm_ctrl.effects.structures.contact_filter import course, innovations
-from pmsm_ctrl.effects.structures.transmission import FREQUENCY
+from pmsm_ctrl.effects.structures.transmission import FREQUENCY, RUBBING
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.columns import UnavailableError
 from pmsm_ctrl.regression.timing import unwrapped
@@ -169,6 +169,8 @@ def _heard(fit: Fitted, number: int, structure: Gap, log: Log) -> _Heard | None:
     """Return the stretches in which a load moves most against its shaft; None where the log has no angle of one run."""
     record, one, position = fit.record, fit.accepted[number], fit.position(number)
     signals = record.signals
+    if RUBBING in one.shape:  # the filter knows no friction of the load
+        return None
     if position is None or record.unseen or record.records or "theta" not in log or "torque_logged" not in signals:
         return None
     if len(log["theta"]) != len(signals["torque_logged"]) or (

@@ -54,7 +54,9 @@ def bounded(free: Solved, columns: Iterable[int] | None = None) -> Solved:
             break
         size = np.linalg.norm(free.triangle, axis=0)
         size[size == 0.0] = 1.0
-        inside = lsq_linear(free.triangle / size, free.along, (low * size, high * size), method="bvls")
+        lowest = low * size
+        highest = np.maximum(high * size, np.nextafter(lowest, np.inf))  # what a parameter may be can be one number
+        inside = lsq_linear(free.triangle / size, free.along, (lowest, highest), method="bvls")
         edges = {-1: low, 1: high}
         held = {k: float(edges[side][k]) for k, side in enumerate(inside.active_mask.tolist()) if side}
         if not held:  # columns hang together: the free optimum is one of many, and another one keeps the bounds

@@ -1,4 +1,8 @@
-"""A gap between motor and load: the load is followed by the effect's own contact law, searched over gap and contact."""
+"""A gap between motor and load: the load is followed by the effect's own contact law, searched over gap and contact.
+
+A load that rubs is slowed down by its own friction while it crosses the gap, and stands still in it: the motor then has
+neither its inertia nor its friction to move.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +15,12 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.evaluate import called, compiled_loop
 from pmsm_ctrl.effects.structures.interface import Balances, LogView, Search, SecondMass
+from pmsm_ctrl.effects.structures.rubbing import bristle_column, own_deceleration
 from pmsm_ctrl.effects.structures.transmission import (
     DAMPING,
     FREQUENCY,
+    RUBBING,
+    UNBOUNDED,
     Transmission,
     after_hard_start,
     beyond_noise,
@@ -33,6 +40,8 @@ AT_ONCE, FEWEST_LANES = 4e6, 8  # bytes of columns that are made side by side, a
 # Times in which the mean acceleration of a log carries the shaft across a gap, s, and how many gaps are searched: one
 # that is crossed faster looks like an error of the moment of reversal, one that is crossed slower like a free load.
 SHORTEST, LONGEST, GAPS = 0.003, 0.08, 15
+# Contact of a load that rubs, Hz and damping, and its deceleration in ratios to that of the whole axis by its friction.
+RUBS, RATIOS = (150.0, 1.2), np.geomspace(0.4, 4.0, 7).tolist()
 # Gap over what the contact gives way under the mean acceleration: behind less, a load hangs on a damper, not on flanks.
 FIRM = 2.0
 # The stiffest contact that is followed, Hz, ten times the stiffest that is searched. Its stroke lasts a sixth of a
@@ -42,7 +51,7 @@ STIFFEST = 3000.0
 FINEST = 100.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Gap(Transmission):
     """Flanks with a gap between motor and load, and a spring and a damper where they touch.
 
@@ -54,7 +63,7 @@ class Gap(Transmission):
     gap : str
         The parameter of the gap between the flanks, rad.
     unlike_rivals : bool
-        No rival opens and closes.
+        No rival opens and closes, nor lets go at once of a load that rubs.
     offered_apart : bool
         The residual of the model of all candidates is the noise: gaps take no more of it than what is fast allows.
     judged_in_part : bool
@@ -72,7 +81,10 @@ class Gap(Transmission):
     amounts_are_linear: ClassVar[bool] = False
 
     def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:
-        """T = J alpha + J_load (alpha_load - alpha): the load's acceleration less that of the rotor, shape (n,)."""
+        """T = J alpha + F_c s + T_s - J_load alpha - F_load s: what the contact passes on less the load's share.
+
+        Of a load that does not rub that is ``J_load (alpha_load - alpha)``; shape (n,), per unit of its inertia.
+        """
         return next(self.columns_each(balances, effect, [shape]))
 
     def columns_each(
@@ -99,6 +111,12 @@ class Gap(Transmission):
         """Return the columns where the load would accelerate otherwise than the shaft by more than all that is fast."""
         return beyond_noise(values, balances.shaft_noise()) if self._firm(balances, shape) else np.zeros_like(values)
 
+    def rivals(self, effect: Effect, shape: Mapping[str, float], balances: Balances) -> list[dict[str, Array]]:
+        """Return the rivals of a transmission; of a load that rubs also bristles that bend over the gap or half of it."""
+        found = super().rivals(effect, shape, balances)
+        bristles = (bristle_column(balances, reach * shape[self.gap]) for reach in (0.5, 1.0))
+        return [*found, *({"torque": UNBOUNDED * one} for one in bristles)] if RUBBING in shape else found
+
     def _firm(self, balances: Balances, shape: Mapping[str, float]) -> bool:
         """Whether the contact gives way less than the gap is wide."""
         return shape[self.gap] * shape[FREQUENCY] ** 2 >= FIRM * mean_acceleration(balances)
@@ -114,12 +132,21 @@ class Gap(Transmission):
         A load that bounces off its flanks cannot be followed: small errors of the motion grow with each bounce. One
         that stays where it struck explains most of the same torque, so contacts are searched as well damped ones.
         """
-        return Search(tuple(
-            {self.gap: float(gap), FREQUENCY: 2.0 * np.pi * f, DAMPING: zeta}
-            for gap in _gaps(log.balances)
+        gaps = _gaps(log.balances).tolist()
+        shapes = [
+            {self.gap: gap, FREQUENCY: 2.0 * np.pi * f, DAMPING: zeta}
+            for gap in gaps
             for f in (80.0, 300.0)
             for zeta in (0.4, 1.2)
-        ))  # fmt: skip
+        ]
+        own = own_deceleration(log.balances) if self.dry else None
+        shapes += [
+            {self.gap: gap, FREQUENCY: 2.0 * np.pi * RUBS[0], DAMPING: RUBS[1], RUBBING: ratio * own}
+            for gap in (gaps if own is not None else ())
+            for ratio in RATIOS
+            if own is not None
+        ]
+        return Search(tuple(shapes))
 
     def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
         """Return the gap, and the load's own frequency and damping in contact."""
@@ -131,9 +158,9 @@ class Gap(Transmission):
         return None if mass is None else replace(mass, gap=values[self.gap])
 
     def _followed(self, balances: Balances, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> Iterator[Array]:
-        """Yield the acceleration of a load behind each of several gaps less that of the rotor, shape (n,).
+        """Yield what each of several contacts passes on less what the load would need on a rigid axis, shape (n,).
 
-        The effect's own contact law is used with stiffness and damping per inertia.
+        The effect's own contact law is used with stiffness, damping and friction per inertia.
         """
         loop, symbols = compiled_loop(effect, "load", _loop)
         s = balances.signals
@@ -142,6 +169,9 @@ class Gap(Transmission):
         w = np.minimum(w, 2.0 * np.pi * STIFFEST)
         values[self.gap] = np.array([shape[self.gap] for shape in shapes])
         values[self.stiffness], values[self.damping] = w * w, 2.0 * zeta * w
+        rubbing = np.array([shape.get(RUBBING, 0.0) for shape in shapes])
+        if self.dry:
+            values[self.dry] = rubbing
         steps = np.ceil(balances.period * w * 4.0 * np.clip(zeta / STUCK, 1.0, FINEST)).astype(int)
         steps = np.maximum(4, steps)
         out = np.empty((len(shapes), len(s["theta"])))
@@ -149,9 +179,9 @@ class Gap(Transmission):
             lanes = np.flatnonzero(steps == substeps)
             own = (np.ascontiguousarray(values[symbol][lanes]) for symbol in symbols)
             loop(out, lanes, s["theta"], s["omega"], balances.period, substeps, *own)
-        return (
-            after_hard_start(balances, row - s["alpha"], shape, LONGEST) for row, shape in zip(out, shapes, strict=True)
-        )
+        for row, shape, f in zip(out, shapes, rubbing.tolist(), strict=True):
+            rigid = s["alpha"] + f * s["direction"] if f else s["alpha"]
+            yield after_hard_start(balances, row - rigid, shape, LONGEST)
 
 
 def _gaps(balances: Balances) -> Array:
@@ -160,28 +190,43 @@ def _gaps(balances: Balances) -> Array:
 
 
 def _loop(effect: Effect) -> tuple[str, tuple[str, ...]]:
-    """Source of the loop that follows loads along the motion, side by side, and the parameters it takes."""
-    symbols = tuple(p.symbol for p in effect.parameters)
+    """Source of the loop that follows loads along the motion, side by side, and the parameters it takes.
+
+    Dry friction is set-valued: a step in which it would turn the load ends at rest.
+    """
+    assert isinstance(effect.structure, Gap)
+    symbols, dry = tuple(p.symbol for p in effect.parameters), effect.structure.dry
     own = {symbol: f"{symbol}[_c]" for symbol in symbols}
     call = called(effect, twist="_position - _load[_c]", twist_rate="_rate - _speed[_c]", **own)
+    rubs = (
+        f"                _held = _h * {dry}[_c]\n"
+        "                if _held > 0.0:\n"
+        "                    if abs(_speed[_c]) <= _held:\n"
+        "                        _speed[_c] = 0.0\n"
+        "                    else:\n"
+        "                        _speed[_c] -= _held if _speed[_c] > 0.0 else -_held\n"
+    )
     return (
         "import numpy as np\n\n\n"
         f"def loop(_out, _rows, _theta, _omega, _period, _substeps, {', '.join(symbols)}):\n"
         "    _h, _lanes = _period / _substeps, len(_rows)\n"
-        "    _load, _speed, _before = np.empty(_lanes), np.empty(_lanes), np.empty(_lanes)\n"
+        "    _load, _speed, _passed = np.empty(_lanes), np.empty(_lanes), np.empty(_lanes)\n"
         "    for _c in range(_lanes):\n"
         "        _load[_c], _speed[_c] = _theta[0], _omega[0]\n"
         "    for _n in range(len(_theta)):\n"
         "        _last = min(_n + 1, len(_theta) - 1)\n"
         "        for _c in range(_lanes):\n"
-        "            _before[_c] = _speed[_c]\n"
+        "            _passed[_c] = 0.0\n"
         "        for _m in range(_substeps):\n"
         "            _x = _m / _substeps\n"
         "            _position = (1.0 - _x) * _theta[_n] + _x * _theta[_last]\n"
         "            _rate = (1.0 - _x) * _omega[_n] + _x * _omega[_last]\n"
         "            for _c in range(_lanes):\n"
-        f"                _speed[_c] += _h * {call}\n"
+        f"                _gained = _h * {call}\n"
+        "                _passed[_c] += _gained\n"
+        "                _speed[_c] += _gained\n"
+        f"{rubs if dry else ''}"
         "                _load[_c] += _h * _speed[_c]\n"
         "        for _c in range(_lanes):\n"
-        "            _out[_rows[_c], _n] = (_speed[_c] - _before[_c]) / _period\n"
+        "            _out[_rows[_c], _n] = _passed[_c] / _period\n"
     ), symbols

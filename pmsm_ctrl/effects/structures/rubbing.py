@@ -14,15 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.structures.interface import Balances, LogView
-from pmsm_ctrl.effects.structures.transmission import DAMPING, FREQUENCY
+from pmsm_ctrl.effects.structures.transmission import DAMPING, FREQUENCY, RUBBING
 
-__all__ = ["DECELERATIONS", "RUBBING", "bristle_column", "rubbing_column", "rubbing_shapes"]
+__all__ = ["bristle_column", "own_deceleration", "rubbing_column", "rubbing_shapes"]
 
 Array = NDArray[np.float64]
 
-# In a shape, what a load's own friction decelerates it by where it is free, F_load / J_load in rad/s^2 (m/s^2).
-RUBBING = "(f)"
-DECELERATIONS = (1e-6, 1e9)  # rad/s^2 (m/s^2): less never holds a load, and more always does
 NAMES = (FREQUENCY, DAMPING, RUBBING)
 # What is searched: so many frequencies up to the band, and decelerations in ratios to that of the whole axis by its
 # friction; the best few of a table are refined. A spring loses a few per cent of its energy in a swing.
@@ -49,17 +46,18 @@ def rubbing_column(balances: Balances, shape: Mapping[str, float]) -> Array:
     return np.asarray(followed - s["alpha"] - shape[RUBBING] * s["direction"])
 
 
-def bristle_column(balances: Balances, shape: Mapping[str, float]) -> Array:
+def bristle_column(balances: Balances, reach: float) -> Array:
     """Return what a load without a mass adds, per unit of the torque's rms, shape (n,): a spring that slides.
 
     Parameters
     ----------
     balances : Balances
-    shape : mapping
+    reach : float
+        By how much the spring bends before it slides, rad (m).
     """
     from pmsm_ctrl.kernels.springs import slider
 
-    s, reach = balances.signals, shape[RUBBING] / shape[FREQUENCY] ** 2
+    s = balances.signals
     bent = np.empty(len(s["theta"]))
     slider(np.ascontiguousarray(s["theta"]), reach, bent)
     return np.asarray(float(np.std(s["torque"])) * (bent / reach - s["direction"]))
@@ -121,16 +119,15 @@ def rubbing_shapes(log: LogView, lowest: float) -> tuple[list[dict[str, float]],
 
 def _table(balances: Balances, weight: Array, lowest: float) -> _Table | None:
     """Return the loads that are searched; None where the axis has no dry friction."""
-    s = balances.signals
-    plain = np.stack([balances.shaped(s[name]) for name in ("alpha", "direction", "omega", "torque")])
+    plain = _rigid(balances)
     rigid = weight * np.vstack([plain[:3], np.ones_like(plain[:1])])
-    inertia, dry = np.linalg.lstsq(rigid.T, weight * plain[3], rcond=None)[0][:2].tolist()
-    if inertia <= 0.0 or dry <= 0.0:
+    own = _deceleration(rigid, weight * plain[3])
+    if own is None:
         return None
     springs = np.array([
         (w, DAMPED, f)
         for w in np.geomspace(lowest, 2.0 * np.pi * balances.cutoff, FREQUENCIES).tolist()
-        for f in (dry / inertia * RATIOS).tolist()
+        for f in (own * RATIOS).tolist()
     ])  # fmt: skip
     basis, columns = np.linalg.qr(rigid.T)[0], _spring_torques(balances, springs)
     shared, size = np.zeros((len(springs), len(rigid))), np.zeros(len(springs))
@@ -139,6 +136,28 @@ def _table(balances: Balances, weight: Array, lowest: float) -> _Table | None:
         columns[some], shared[some] = own, own @ basis
         size[some] = np.sum((own - shared[some] @ basis.T) ** 2, axis=1)
     return _Table(springs, columns, basis, shared, size)
+
+
+def own_deceleration(balances: Balances) -> float | None:
+    """Return what a rigid axis is decelerated by, by its dry friction, rad/s^2 (m/s^2); None where it has none.
+
+    Parameters
+    ----------
+    balances : Balances
+    """
+    weight, plain = balances.weight[0] * balances.mask, _rigid(balances)
+    return _deceleration(weight * np.vstack([plain[:3], np.ones_like(plain[:1])]), weight * plain[3])
+
+
+def _rigid(balances: Balances) -> Array:
+    """Return the columns of a rigid axis and its torque, filtered and thinned, shape (4, m)."""
+    s = balances.signals
+    return np.stack([balances.shaped(s[name]) for name in ("alpha", "direction", "omega", "torque")])
+
+
+def _deceleration(rigid: Array, torque: Array) -> float | None:
+    inertia, dry = np.linalg.lstsq(rigid.T, torque, rcond=None)[0][:2].tolist()
+    return float(dry / inertia) if inertia > 0.0 and dry > 0.0 else None
 
 
 def _spring_torques(balances: Balances, springs: Array) -> NDArray[np.float32]:

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.structures.interface import Balances, Known, LogView, Search, SecondMass, Structure
-from pmsm_ctrl.effects.structures.rubbing import DECELERATIONS, RUBBING, bristle_column, rubbing_column, rubbing_shapes
+from pmsm_ctrl.effects.structures.rubbing import bristle_column, rubbing_column, rubbing_shapes
 from pmsm_ctrl.effects.structures.transmission import (
     DAMPING,
     FREQUENCY,
     LEAST_DAMPED,
     LEAST_LOAD,
+    RUBBING,
     UNBOUNDED,
     Transmission,
     after_hard_start,
@@ -48,21 +49,18 @@ LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
 MOST_TWIST = 0.5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Spring(Transmission):
     """A spring and a damper between motor and load.
 
     Attributes
     ----------
-    dry : str
-        The parameter of the load's part of the Coulomb friction, N m; empty where the load has none.
     measured : tuple of SecondMass
         What a frequency response has shown: its spring is among the shapes that are searched.
     offered_apart : bool
         Springs of all frequencies together take up noise whatever each of them does with it.
     """
 
-    dry: str = ""
     measured: tuple[SecondMass, ...] = ()
     has_gap: ClassVar[bool] = False
     most_damped: ClassVar[float] = OVERDAMPED
@@ -92,38 +90,13 @@ class Spring(Transmission):
         follow = -(s**2) / (s**2 + 2.0 * zeta * s + 1.0)
         return [{"torque": after_hard_start(balances, irfft(rfft(alpha, length) * follow, length)[:count], shape)}]
 
-    def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-        """Return the load's own frequency and damping, and the deceleration by its friction where it has any."""
-        rubbing = values.get(self.dry, 0.0)  # a frequency response tells none
-        found = super().shape(effect, values)
-        return found if rubbing == 0.0 else {**found, RUBBING: rubbing / max(values[self.load], 1e-12)}
-
-    def parameters(self, effect: Effect, found: Mapping[str, float]) -> dict[str, float]:
-        """Return stiffness, damping and friction from the load's inertia, frequency, damping and deceleration."""
-        own = {self.dry: found[self.load] * found.get(RUBBING, 0.0)} if self.dry else {}
-        return super().parameters(effect, {**found, **own})
-
     def inside(self, effect: Effect, shape: Mapping[str, float], name: str, value: float) -> float:
         """Return the value inside the bounds; those of a load that rubs, which is followed in time, are narrower."""
         if RUBBING in shape:
-            within = {
-                RUBBING: DECELERATIONS,
-                FREQUENCY: self.ranges(effect)[FREQUENCY],
-                DAMPING: (LEAST_DAMPED, SWINGS),
-            }
-            return float(min(max(value, within[name][0]), within[name][1]))
+            within = {FREQUENCY: self.ranges(effect)[FREQUENCY], DAMPING: (LEAST_DAMPED, SWINGS)}
+            if name in within:
+                return float(min(max(value, within[name][0]), within[name][1]))
         return super().inside(effect, shape, name, value)
-
-    def bounds(self, effect: Effect, known: Known, shape: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """Return the bounds of the load's inertia: a part of the total, whose friction is a part of the total."""
-        low, high = super().bounds(effect, known, shape)[self.load]
-        if shape.get(RUBBING, 0.0) > 0.0 and known.F_c > 0.0:
-            high = min(high, max(known.F_c / shape[RUBBING], float(np.nextafter(low, np.inf))))
-        return {self.load: (low, high)}
-
-    def carried(self) -> str:
-        """The load's part of the Coulomb friction."""
-        return self.dry
 
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns where the load would accelerate otherwise than the shaft by more than noise.
@@ -143,7 +116,10 @@ class Spring(Transmission):
     def rivals(self, effect: Effect, shape: Mapping[str, float], balances: Balances) -> list[dict[str, Array]]:
         """Return the rivals of a transmission; of one that rubs also a bristle, which is the same without a mass."""
         found = super().rivals(effect, shape, balances)
-        return [*found, {"torque": UNBOUNDED * bristle_column(balances, shape)}] if RUBBING in shape else found
+        if RUBBING not in shape:
+            return found
+        bristle = bristle_column(balances, shape[RUBBING] / shape[FREQUENCY] ** 2)
+        return [*found, {"torque": UNBOUNDED * bristle}]
 
     def search(self, effect: Effect, log: LogView) -> Search:
         """Return springs over a coarse grid, and the best of a fine one, in which none that rings can be missed."""

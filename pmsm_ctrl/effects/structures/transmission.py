@@ -26,8 +26,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DAMPING",
+    "DECELERATIONS",
     "FREQUENCY",
     "LEAST_DAMPED",
+    "RUBBING",
     "Transmission",
     "after_hard_start",
     "beyond_noise",
@@ -39,6 +41,9 @@ Array = NDArray[np.float64]
 # In a shape, and no names that a parameter can have: the load's own frequency sqrt(k / J_load), and its damping
 # d / (2 sqrt(k J_load)). With these the load's inertia multiplies a column.
 FREQUENCY, DAMPING = "(w_a)", "(zeta)"
+# In a shape, what a load's own friction decelerates it by where it is free, F_load / J_load in rad/s^2 (m/s^2).
+RUBBING = "(f)"
+DECELERATIONS = (1e-6, 1e9)  # rad/s^2 (m/s^2): less never holds a load, and more always does
 LEAST_DAMPED = 1e-3
 ROUNDING = 1e-6  # of a friction that a fit holds at its bound, and a design file states with few digits
 ABOVE_NOISE = 4.0
@@ -50,7 +55,7 @@ SETTLED, AT_MOST, HARD = 4.0, 1.0 / 16.0, 3.0
 UNBOUNDED = 1e3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Transmission(Structure):
     """What a spring and a gap share: the load, its part of the inertia, and its place in the kernel.
 
@@ -59,6 +64,8 @@ class Transmission(Structure):
     load, stiffness, damping : str
         The parameters of the load's inertia, kg m^2, taken out of the total; of the stiffness, N m/rad; and of the
         damping, N m s/rad.
+    dry : str
+        The parameter of the load's part of the Coulomb friction, N m; empty where the load has none.
     has_gap : bool
         Whether motor and load can move against each other without a torque.
     most_damped : float
@@ -70,6 +77,7 @@ class Transmission(Structure):
     load: str
     stiffness: str
     damping: str
+    dry: str = ""
     memory: ClassVar[int] = 2
     least_load: ClassVar[float] = LEAST_LOAD
     splits_inertia: ClassVar[bool] = True
@@ -113,8 +121,8 @@ class Transmission(Structure):
         }
 
     def carried(self) -> str:
-        """The parameter of the dry friction behind it, N m; empty without one."""
-        return ""
+        """The load's part of the Coulomb friction."""
+        return self.dry
 
     def absent(self, effect: Effect, values: Mapping[str, float]) -> frozenset[str]:
         """Return the load's dry friction where it has none: with any, it would stick."""
@@ -178,25 +186,38 @@ class Transmission(Structure):
         """Return the value inside the bounds; the damping's are those of the load, not those of its parameter."""
         if name == DAMPING:
             return float(min(max(value, LEAST_DAMPED), self.most_damped))
+        if name == RUBBING:
+            return float(min(max(value, DECELERATIONS[0]), DECELERATIONS[1]))
         return super().inside(effect, shape, name, value)
 
     def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-        """Return the load's own frequency and damping."""
+        """Return the load's own frequency and damping, and the deceleration by its friction where it has any."""
         J_load = max(values[self.load], 1e-12)
         w = float(np.sqrt(values[self.stiffness] / J_load))
-        return {FREQUENCY: w, DAMPING: values[self.damping] / (2.0 * J_load * w)}
+        found = {FREQUENCY: w, DAMPING: values[self.damping] / (2.0 * J_load * w)}
+        rubbing = values.get(self.dry, 0.0)  # a frequency response tells none
+        return found if rubbing == 0.0 else {**found, RUBBING: rubbing / J_load}
 
     def parameters(self, effect: Effect, found: Mapping[str, float]) -> dict[str, float]:
-        """Return stiffness and damping from the load's inertia, frequency and damping."""
+        """Return stiffness, damping and friction from the load's inertia, frequency, damping and deceleration."""
         J_load, w, zeta = found[self.load], found[FREQUENCY], found[DAMPING]
         constants = {self.stiffness: J_load * w * w, self.damping: 2.0 * zeta * w * J_load}
+        if self.dry:
+            constants[self.dry] = J_load * found.get(RUBBING, 0.0)
         return super().parameters(effect, {**found, **constants})
 
     def bounds(self, effect: Effect, known: Known, shape: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """Return the bounds of the load's inertia: a part of the total; none above where the total is not positive."""
+        """Return the bounds of the load's inertia: a part of the total, whose friction is a part of the total.
+
+        None above where the total is not positive.
+        """
         if known.J <= 0.0:
-            return {self.load: (0.0, np.inf)}
-        return {self.load: (self.least_load * known.J, (1.0 - LEAST_LOAD) * known.J)}
+            low, high = 0.0, np.inf
+        else:
+            low, high = self.least_load * known.J, (1.0 - LEAST_LOAD) * known.J
+        if shape.get(RUBBING, 0.0) > 0.0 and known.F_c > 0.0:
+            high = min(high, max(known.F_c / shape[RUBBING], float(np.nextafter(low, np.inf))))
+        return {self.load: (low, high)}
 
     def second_mass(self, values: Mapping[str, float]) -> SecondMass | None:
         """Return the load; None where it has no inertia."""
