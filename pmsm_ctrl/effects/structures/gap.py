@@ -112,7 +112,7 @@ class Gap(Transmission):
         return beyond_noise(values, balances.shaft_noise()) if self._firm(balances, shape) else np.zeros_like(values)
 
     def rivals(self, effect: Effect, shape: Mapping[str, float], balances: Balances) -> list[dict[str, Array]]:
-        """Return the rivals of a transmission; of a load that rubs also bristles that bend over the gap or half of it."""
+        """Return the rivals of a transmission; of a load that rubs also bristles that bend over it or half of it."""
         found = super().rivals(effect, shape, balances)
         bristles = (bristle_column(balances, reach * shape[self.gap]) for reach in (0.5, 1.0))
         return [*found, *({"torque": UNBOUNDED * one} for one in bristles)] if RUBBING in shape else found

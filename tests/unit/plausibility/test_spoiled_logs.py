@@ -156,6 +156,15 @@ def test_nobody_knows_friction_before(factor: float) -> None:
         assert examine(design, drawn(seed)).notices == ()
 
 
+@pytest.mark.parametrize("late", [-2e-3, 1e-3, 3e-3])
+@pytest.mark.parametrize("seed", seeds(3))
+def test_currents_and_voltages_that_are_late_together_are_no_other_motor(seed: int, late: float) -> None:
+    """With a late back-emf the acceleration in the current looks like a resistance, even a negative one."""
+    log = drawn(seed)
+    moved = {name: np.interp(log.t - late, log.t, log[name]) for name in ("i_d", "i_q", "u_d", "u_q")}
+    assert "parameter_factor" not in {notice.code for notice in examine(believed(), log.with_channels(**moved)).notices}
+
+
 @pytest.mark.parametrize(("name", "factor", "words"), [
     ("voltages times sqrt(3)", math.sqrt(3.0), "line-to-line for phase"),
     ("voltages over sqrt(2)", math.sqrt(0.5), "rms for peak"),

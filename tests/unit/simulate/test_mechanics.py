@@ -75,9 +75,26 @@ def test_a_load_that_rubs_takes_energy_as_its_friction_says() -> None:
     assert rigid * 0.9 < got[-1, 1] < rigid  # the damper has the rest
 
 
+@pytest.mark.parametrize("omega", [20.0, 50.0])
+def test_a_load_behind_a_gap_slows_down_alone_until_it_meets_the_flank(omega: float) -> None:
+    """Both turn, and the friction is the load's: it has half of the gap, (F_load / J_load) t^2 / 2, to itself."""
+    gap, J_load, F_c = 0.04, 5e-5, 0.02
+    entry = {"id": "backlash", "gap": gap, "J_load": J_load, "k": 60.0, "d": 0.1, "F_load": F_c}
+    design = axis({"id": "coulomb", "F_c": F_c}, entry)
+    t = 1e-4 * np.arange(10000)
+    got = run(design, np.zeros_like(t), omega=omega, period=1e-4)
+    met = np.sqrt(gap * J_load / F_c)
+    assert got[t < met - 2e-4, 0] == pytest.approx(omega, rel=1e-12)
+    assert np.all(got[(t > met + 5e-4) & (t < met + 2e-2), 0] < omega)
+    rigid = 0.5 * J * omega**2 / F_c
+    assert np.max(np.abs(got[9000:, 0])) < 0.05 * omega
+    assert rigid * 0.9 < got[-1, 1] < rigid + gap  # the damper has the rest
+
+
 @pytest.mark.parametrize("F_load", [-0.01, 0.03])
-def test_the_friction_of_a_load_is_a_part_of_all(F_load: float) -> None:
-    entry = {"id": "compliance", "J_load": 4e-5, "k": 20.0, "d": 0.0, "F_load": F_load}
+@pytest.mark.parametrize("entry", [{"id": "compliance"}, {"id": "backlash", "gap": 0.01}])
+def test_the_friction_of_a_load_is_a_part_of_all(entry: dict[str, object], F_load: float) -> None:
+    entry = {"J_load": 4e-5, "k": 20.0, "d": 0.01, "F_load": F_load} | entry
     with pytest.raises(DesignError, match="F_load"):
         run(axis({"id": "coulomb", "F_c": 0.02}, entry), np.zeros(10))
 
