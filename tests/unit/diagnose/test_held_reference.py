@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.held_reference import inertia_doubted, shows_in_inertia
 from pmsm_ctrl.diagnose.measures import Machine
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.regression.drive_timing import CURRENT_LOOP, emf_as_inertia
-from tests.unit.plausibility.drives import J, K_T, L, P, PSI, R, believed
+from tests.unit.plausibility.drives import K_T, PSI, J, L, P, R, believed
 
 
 def test_a_command_holds_more_than_the_current_where_nothing_compensates_the_emf() -> None:
