@@ -105,6 +105,7 @@ def judge_trial(
     refusal = criteria.signs(not trial.singular, not trial.wrong_sign) or criteria.significance(p_holm, policy)
     if refusal is not None:
         return refusal
+    minor_too = minor_too and not trial.candidate.effect.structure.never_minor(trial.group.shape)
     share = contribution(fit, trial)
     explained, excess = excess_of(fit.plain, trial, trial.plain_gain)
     most = excess >= policy.above_floor or has_own_order(fit, trial)

@@ -40,8 +40,10 @@ AT_ONCE, FEWEST_LANES = 4e6, 8  # bytes of columns that are made side by side, a
 # Times in which the mean acceleration of a log carries the shaft across a gap, s, and how many gaps are searched: one
 # that is crossed faster looks like an error of the moment of reversal, one that is crossed slower like a free load.
 SHORTEST, LONGEST, GAPS = 0.003, 0.08, 15
-# Contact of a load that rubs, Hz and damping, and its deceleration in ratios to that of the whole axis by its friction.
+# Contact of a load that rubs, Hz and damping; its deceleration in ratios to that of the whole axis by its friction; and
+# samples of the log that its gap takes at least: in less, an edge of the torque that no sample caught looks the same.
 RUBS, RATIOS = (150.0, 1.2), np.geomspace(0.4, 4.0, 7).tolist()
+CROSSED = 3.0
 # Gap over what the contact gives way under the mean acceleration: behind less, a load hangs on a damper, not on flanks.
 FIRM = 2.0
 # The stiffest contact that is followed, Hz, ten times the stiffest that is searched. Its stroke lasts a sixth of a
@@ -111,6 +113,10 @@ class Gap(Transmission):
         """Return the columns where the load would accelerate otherwise than the shaft by more than all that is fast."""
         return beyond_noise(values, balances.shaft_noise()) if self._firm(balances, shape) else np.zeros_like(values)
 
+    def never_minor(self, shape: Mapping[str, float]) -> bool:
+        """Whether the load rubs: gap, contact and friction together fit what any reversal leaves, in part."""
+        return RUBBING in shape
+
     def rivals(self, effect: Effect, shape: Mapping[str, float], balances: Balances) -> list[dict[str, Array]]:
         """Return the rivals of a transmission; of a load that rubs also bristles that bend over it or half of it."""
         found = super().rivals(effect, shape, balances)
@@ -132,17 +138,18 @@ class Gap(Transmission):
         A load that bounces off its flanks cannot be followed: small errors of the motion grow with each bounce. One
         that stays where it struck explains most of the same torque, so contacts are searched as well damped ones.
         """
-        gaps = _gaps(log.balances).tolist()
+        gaps = _gaps(log.balances)
+        seen = gaps[gaps >= 0.5 * mean_acceleration(log.balances) * (CROSSED * log.balances.period) ** 2]
         shapes = [
             {self.gap: gap, FREQUENCY: 2.0 * np.pi * f, DAMPING: zeta}
-            for gap in gaps
+            for gap in gaps.tolist()
             for f in (80.0, 300.0)
             for zeta in (0.4, 1.2)
         ]
         own = own_deceleration(log.balances) if self.dry else None
         shapes += [
             {self.gap: gap, FREQUENCY: 2.0 * np.pi * RUBS[0], DAMPING: RUBS[1], RUBBING: ratio * own}
-            for gap in (gaps if own is not None else ())
+            for gap in seen.tolist()
             for ratio in RATIOS
             if own is not None
         ]

@@ -389,6 +389,10 @@ class Structure(ABC):
         """Whether an effect of these amounts is so small that errors of the model are as large."""
         return False
 
+    def never_minor(self, shape: Mapping[str, float]) -> bool:
+        """Whether a shape is so flexible that a part of the residual is no evidence of it."""
+        return False
+
     def refined_later(self, effect: Effect, shape: Mapping[str, float]) -> bool:
         """Whether the shape is refined again once further effects are in the model."""
         return bool(set(shape) - self.fixed(effect))
