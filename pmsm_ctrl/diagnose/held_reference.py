@@ -1,4 +1,4 @@
-"""A torque that was sampled in step with its reference, or is a command: the inertia and the winding that it shows."""
+"""A torque that was sampled in step with a held reference: the inertia and the winding that it shows."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.measures import machine_of
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.regression.conditioning import default_cutoff
-from pmsm_ctrl.regression.drive_timing import emf_as_inertia
 from pmsm_ctrl.regression.timed_record import FRICTION
 
 __all__ = ["inertia_doubted", "negative_friction", "shows_in_inertia"]
@@ -22,10 +21,6 @@ def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -
     such a step, as where the log's period is T or a multiple of it, half of that is taken for inertia. The loop is
     taken to be as fast as the usual band.
 
-    A current loop with an integrator follows the ramp of a back-emf that nobody feeds forward with a current that is
-    too small by p psi_f d omega / dt over R times its bandwidth: what its command says more than the current is in
-    proportion to the acceleration, and taken for inertia where the command was logged.
-
     Parameters
     ----------
     fit : Fitted
@@ -38,13 +33,9 @@ def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -
     record = fit.record
     if doubt := negative_friction(fit, policy):
         return doubt
-    beyond = abs(off) - tolerance
-    if record.sampling_stated:
-        return ""
-    if beyond <= math.pi * default_cutoff(record.prepared.rate) * record.period:
+    in_step = math.pi * default_cutoff(record.prepared.rate) * record.period
+    if not record.sampling_stated and abs(off) - tolerance <= in_step:
         return f"outside its tolerance, but a {record.drive} sampled in step with a held reference shows the same"
-    if off > 0.0 and beyond <= emf_as_inertia(record.design):
-        return f"outside its tolerance, but the command of a {record.drive} shows the same, by the back-emf"
     return ""
 
 

@@ -34,7 +34,6 @@ __all__ = [
     "DriveTiming",
     "Sampling",
     "drive_sampling",
-    "emf_as_inertia",
     "emf_left",
     "filter_behind",
     "in_time",
@@ -193,23 +192,6 @@ def emf_left(design: Design, alpha: Array, period: float, stated: bool = False) 
     decay = math.exp(-period * motor.R / motor.L_q)
     lagged = np.asarray(lfilter([1.0 - decay], [1.0, -decay], derivative(alpha, period)))
     return design.K_t_assumed * motor.p * motor.psi_f * CURRENT_LOOP / motor.R * lagged
-
-
-def emf_as_inertia(design: Design) -> float:
-    """Return what the command of a current loop holds of an inertia that is none, at most, as a share of the design's.
-
-    The loop answers the emf ``p psi omega`` by ``s / ((L s + R) (s + w))`` (see `emf_left`), which is ``1 / (R w)``
-    times its slope where that is slow: its current lags what it is asked for by ``p psi / (R w)`` times the
-    acceleration, if nothing compensates the emf. Zero where the winding is not known.
-
-    Parameters
-    ----------
-    design : Design
-    """
-    motor = design.motor
-    if not motor.electrical or motor.R is None or motor.psi_f is None or motor.p is None:
-        return 0.0
-    return design.K_t_assumed * motor.p * motor.psi_f * CURRENT_LOOP / (motor.R * design.J)
 
 
 def stated_timing(stated: Sampled, period: float) -> DriveTiming:

@@ -93,7 +93,7 @@ def _run(
 
 def _loop(effect: Effect) -> tuple[str, tuple[str, ...]]:
     """Source of the filter around the effect's contact law, and the parameters it takes."""
-    symbols = tuple(p.symbol for p in effect.parameters)
+    symbols = tuple(p.symbol for p in effect.parameters if p.symbol in effect.arguments)
     own = {symbol: f"_p_{symbol}" for symbol in symbols}
     call = called(effect, twist="_points[0, _m] - _points[2, _m]", twist_rate="_points[1, _m] - _points[3, _m]", **own)
     return (
