@@ -110,8 +110,13 @@ class Gap(Transmission):
         return beyond_noise(values, min(balances.shaft_noise(), balances.noise_beside(values[0][:, 0])))
 
     def offered(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
-        """Return the columns where the load would accelerate otherwise than the shaft by more than all that is fast."""
-        return beyond_noise(values, balances.shaft_noise()) if self._firm(balances, shape) else np.zeros_like(values)
+        """Return the columns where the load would accelerate otherwise than the shaft by more than all that is fast.
+
+        Nothing of a load that rubs: beside all other candidates it would take up a part of any torque at reversals,
+        and the noise by which they are judged would be too small.
+        """
+        offered = self._firm(balances, shape) and RUBBING not in shape
+        return beyond_noise(values, balances.shaft_noise()) if offered else np.zeros_like(values)
 
     def never_minor(self, shape: Mapping[str, float]) -> bool:
         """Whether the load rubs: gap, contact and friction together fit what any reversal leaves, in part."""
