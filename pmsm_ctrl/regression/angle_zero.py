@@ -1,6 +1,7 @@
 """Records whose angles were counted from different zeros, brought to one: waves of a turn tell how far they are apart.
 
-An encoder without an index, or a drive that sets its position to zero at power-up, gives every record its own zero.
+An encoder without an index, or a drive that sets its position to zero at power-up, gives every record its own zero, and
+so does the integral of a speed that has no angle beside it.
 What depends on the angle (cogging, unbalance, ripple) has then another phase in each. The waves that stand out from the
 residual of the base model are matched, those that keep their phase within each record: a wave that the loops answer, or
 an error of the encoder, turns with the speed and tells nothing of a zero.
@@ -18,7 +19,7 @@ from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.records import members
 
-__all__ = ["with_common_zero"]
+__all__ = ["turned_by", "with_common_zero"]
 
 Array = NDArray[np.float64]
 
@@ -69,21 +70,31 @@ def with_common_zero(record: Record, residual: Array, whitener: Whitener) -> Rec
         Of the torque balance.
     whitener : Whitener
     """
-    if len(record.records) < 2 or record.linear or not record.angle:
+    if len(record.records) < 2 or record.linear:
         return record
     waves = _waves(record, residual, whitener)
     if waves is None:
         return record
     shifts = _matched(waves)
-    if not any(shift for shift, _ in shifts):
-        return record
+    return turned_by(record, tuple(shifts)) if any(shift for shift, _ in shifts) else record
+
+
+def turned_by(record: Record, shifts: tuple[tuple[float, float], ...]) -> Record:
+    """Return the record with an angle added to that of each of its records.
+
+    Parameters
+    ----------
+    record : Record
+    shifts : tuple of (float, float)
+        What is added, and its standard error, rad.
+    """
     theta = record.signals["theta"].copy()
     for k, one in enumerate(record.records):
         first = int(np.searchsorted(record.prepared.t, one.start - 0.5 * record.period))
         theta[first:] += shifts[k][0] - (shifts[k - 1][0] if k else 0.0)
     prepared = replace(record.prepared, signals={**record.prepared.signals, "theta": theta})
     signals = {**record.signals, "theta": theta}
-    return replace(record, prepared=prepared, signals=signals, shifts=tuple(shifts), memo={}, kept={})
+    return replace(record, prepared=prepared, signals=signals, shifts=shifts, memo={}, kept={})
 
 
 def _waves(record: Record, residual: Array, whitener: Whitener) -> _Waves | None:

@@ -27,10 +27,13 @@ class Made:
     log : Log
     records : dict or None
         By how they were made; None where none is kept.
+    zeros : list of (float, float)
+        What is added to the angle of each of several records, and its standard error, rad; empty as long as nothing is.
     """
 
     log: Log
     records: Memo | None = field(default=None, repr=False)
+    zeros: list[tuple[float, float]] = field(default_factory=list)
 
     @classmethod
     def kept(cls, log: Log) -> Made:

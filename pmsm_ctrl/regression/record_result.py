@@ -120,7 +120,7 @@ def own_rows(
     rows = []
     for k, (one, here) in enumerate(zip(record.records, members(record), strict=True)):
         before, after = (errors_of(record, left, here) for left in residuals)
-        angle = Estimate(record.shifts[k][0], "rad", record.shifts[k][1]) if record.shifts else None
+        angle = Estimate(record.shifts[k][0], "rad", record.shifts[k][1]) if record.shifts and record.angle else None
         own = _deviations(levels, k, record.prepared.motion)
         rows.append(RecordResult(one.name, False, one.duration, one.rate, before, after, own, angle, p_values[k]))
     return rows

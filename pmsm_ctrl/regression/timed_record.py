@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.angle_zero import with_common_zero
+from pmsm_ctrl.regression.angle_zero import turned_by, with_common_zero
 from pmsm_ctrl.regression.balances import ALWAYS, STANDSTILL, USABLE, Record
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit, settled_model
@@ -112,7 +112,7 @@ def timed_record(design: Design, log: Log, made: Made | None = None, band: float
     sure = steep(record.weighing.edges(record.wrong))
     record = replace(_with_edges_said(record), weighing=None)  # it holds the log
     if record.records:
-        record = of_one_axis(design, record)
+        record = of_one_axis(design, record, made)
         fit = base_fit(design, record)
     return _with_filter_said(_with_lines(record, fit, sure))
 
@@ -238,19 +238,26 @@ def _left(record: Record, fit: Estimated) -> float:
     return float(np.linalg.norm(left)) / max(float(np.linalg.norm(record.target[0] * weight)), 1e-300)
 
 
-def of_one_axis(design: Design, record: Record) -> Record:
+def of_one_axis(design: Design, record: Record, made: Made | None = None) -> Record:
     """Weigh several records by their noise, and bring their angles to one zero.
 
     Parameters
     ----------
     design : Design
     record : Record
+    made : Made, optional
+        What was made of the log before: a zero does not hang on the band in which it was found.
     """
     fit = base_fit(design, record)
     weighed = with_noise_of_records(record, record.target - fit.weighted.predicted())
+    if made is not None and made.zeros:
+        return turned_by(weighed, tuple(made.zeros))
     if weighed is not record:
         fit = base_fit(design, weighed)
-    return with_common_zero(weighed, weighed.target[0] - fit.weighted.predicted()[0], fit.whitener)
+    turned = with_common_zero(weighed, weighed.target[0] - fit.weighted.predicted()[0], fit.whitener)
+    if made is not None:
+        made.zeros[:] = turned.shifts
+    return turned
 
 
 def _weighed(design: Design, record: Record, fit: Estimated) -> tuple[Record, Estimated]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import doubts_about
+from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.timed_record import timed_record
 from tests.unit.several import DESIGN, records
 
@@ -31,3 +33,19 @@ def test_other_zeros_are_found_from_the_waves() -> None:
 @pytest.mark.parametrize("wave", [0.0, 0.004])
 def test_one_zero_is_left_alone(wave: float) -> None:
     assert shifts([0.0, 0.0, 0.0], wave) == ()
+
+
+@pytest.mark.parametrize("speed_alone", [False, True])
+def test_a_zero_does_not_hang_on_the_band_nor_on_the_channel(speed_alone: bool) -> None:
+    """Records of a speed alone each begin at an angle of zero: where they began in truth is told by their waves."""
+    logs = records([{"zero": zero} for zero in (0.0, 0.2, -0.15)], wave=0.004)
+    if speed_alone:
+        logs = [
+            Log({name: log[name] for name in log if name != "theta"} | {"omega": np.gradient(log["theta"], log.t)})
+            for log in logs
+        ]
+    joined = doubts_about(DESIGN, logs).log
+    made = Made.kept(joined)
+    whole = timed_record(DESIGN, joined, made)
+    assert any(angle for angle, _ in whole.shifts)
+    assert timed_record(DESIGN, joined, made, 0.5 * whole.cutoff).shifts == whole.shifts
