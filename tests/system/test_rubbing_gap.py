@@ -13,7 +13,13 @@ from tests.effort import slow
 GAP, SHARE = 0.04, 0.5  # rad; of the inertia
 
 
-@pytest.mark.parametrize(("share", "seed"), [(0.9, 1), slow(0.6, 2), slow(0.9, 2)])
+HIDDEN = pytest.mark.xfail(reason="the noise by which candidates are judged holds the gap: not confirmed, unexplained")
+
+
+@pytest.mark.parametrize(
+    ("share", "seed"),
+    [(0.9, 1), slow(0.6, 2), slow(0.9, 2), pytest.param(0.6, 1, marks=[pytest.mark.slow, HIDDEN])],
+)
 def test_a_gap_before_a_load_that_rubs_is_named_with_its_parts(designs: Path, share: float, seed: int) -> None:
     design = Design.read(designs / "seed_motor.toml")
     dry = next(entry.parameters["F_c"] for entry in design.effects if entry.id == "coulomb")
