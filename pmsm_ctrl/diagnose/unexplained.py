@@ -133,7 +133,8 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
 
     The effect itself was refused for a reason: something like it is missing. Left-out data have to confirm that, either
     blocks by `first_block_errors`, or each reversal by the mean course of the others. Otherwise it is an open question;
-    a minor effect is none. So it is where it sits around reversals as the edges of the torque do (`_doubt`).
+    a minor effect is none, nor is one so flexible that a part of the residual is no evidence of it. An open question is
+    also what sits around reversals as the edges of the torque do (`_doubt`).
 
     Parameters
     ----------
@@ -146,6 +147,7 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
         for trial in fit.trials
         if (share := _share(fit, trial)) > policy.resembled_at_turns and trial.p_value < policy.significance
         and (refusal := selection.refused.get(name_of(trial))) and refusal.reason in RESEMBLING
+        and not trial.candidate.effect.structure.never_minor(trial.group.shape)
     ]  # fmt: skip
     if not glaring:
         return None

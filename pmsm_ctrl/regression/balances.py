@@ -31,7 +31,7 @@ from pmsm_ctrl.regression.drive_timing import (
     stated_timing,
 )
 from pmsm_ctrl.regression.edges import MAD, WRONG_TORQUE
-from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps, rough_acceleration
+from pmsm_ctrl.regression.encoder_steps import angle_steps, errors_by_steps, rough_acceleration
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
 from pmsm_ctrl.regression.notices import LONG_LOG, TORQUE_JUMPS
@@ -367,7 +367,7 @@ def _made(
 ) -> Record:  # fmt: skip
     sampling, early = possible_sampling(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
-    resolution = angle_step(log)
+    finest, resolution = angle_steps(log)
     whole, given = in_time(design, ending_steadily(log), age or UNDELAYED), log
     log = timing.undone(thinned(whole))
     prepared = condition(design, log, processing, as_logged=True)
@@ -391,7 +391,7 @@ def _made(
     smooth, fast = (torque - load for torque in acting_torques(design, log, prepared))
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
     unresolved = resolution * prepared.cutoff
-    steps = errors_by_steps(prepared, resolution) if resolution > 0.0 else None
+    steps = errors_by_steps(prepared, finest, resolution) if finest > 0.0 else None
     direction, sure, kink = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps, unresolved)
     if int((sure & _edges(prepared))[prepared.keep].sum()) < FEWEST:  # no speed is left that the encoder resolves
         direction, sure, kink = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps)

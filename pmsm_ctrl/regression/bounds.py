@@ -19,7 +19,8 @@ __all__ = ["bounded", "column_bounds", "holding"]
 
 Array = NDArray[np.float64]
 
-PASSES = 3  # of a fit inside bounds that hang on what it finds
+# Passes of a fit inside bounds that hang on what it finds, and the share of a bound to which they settle.
+PASSES, SETTLED = 60, 1e-9
 
 
 def column_bounds(model: Model, values: Array) -> list[tuple[float, float]]:
@@ -50,7 +51,7 @@ def bounded(free: Solved, columns: Iterable[int] | None = None) -> Solved:
     for _ in range(PASSES):  # some bounds hang on what is found
         low, high = np.array(column_bounds(free.model, found.values)).reshape(-1, 2).T
         low, high = np.where(counted, low, -np.inf), np.where(counted, high, np.inf)
-        if np.all((low <= found.values) & (found.values <= high)):
+        if np.all((low - _slack(low) <= found.values) & (found.values <= high + _slack(high))):
             break
         size = np.linalg.norm(free.triangle, axis=0)
         size[size == 0.0] = 1.0
@@ -64,6 +65,10 @@ def bounded(free: Solved, columns: Iterable[int] | None = None) -> Solved:
             held = {k: float(nearest[k]) for k in np.flatnonzero(nearest != found.values).tolist()}
         found = holding(free, held)
     return found
+
+
+def _slack(bounds: Array) -> Array:
+    return np.where(np.isfinite(bounds), SETTLED * np.abs(bounds), 0.0)
 
 
 def holding(free: Solved, held: Mapping[int, float]) -> Solved:

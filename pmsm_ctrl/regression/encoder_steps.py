@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.importers.timebase import growing_steps
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
 from pmsm_ctrl.regression.filters import ORDER, RIPPLE, SIDE_BY_SIDE, derivative, low_pass_each
 
-__all__ = ["StepErrors", "angle_step", "errors_by_steps", "rough_acceleration"]
+__all__ = ["StepErrors", "angle_step", "angle_steps", "errors_by_steps", "rough_acceleration"]
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,17 @@ def angle_step(log: Log) -> float:
     sizes = np.diff(np.unique(steps))  # by how much the advances differ
     sizes = sizes[sizes > least]
     return float(np.min(sizes)) if len(sizes) and _multiples(sizes) else least
+
+
+def angle_steps(log: Log) -> tuple[float, float]:
+    """Return the smallest and the largest step of the angle, rad (m): they differ where it has few digits.
+
+    Parameters
+    ----------
+    log : Log
+    """
+    smallest = angle_step(log)
+    return smallest, max(smallest, growing_steps(log["theta"]) if "theta" in log else 0.0)
 
 
 def _multiples(values: Array) -> bool:
@@ -97,7 +109,7 @@ class StepErrors:
     filtered: Array
 
 
-def errors_by_steps(prepared: Prepared, step: float) -> StepErrors | None:
+def errors_by_steps(prepared: Prepared, step: float, largest: float = 0.0) -> StepErrors | None:
     """Return the errors by the steps of an angle; None where they are negligible beside the motion.
 
     The smoothed motion is rounded again by encoders with different zeros. Where the zero lies is chance; how fast the
@@ -107,18 +119,21 @@ def errors_by_steps(prepared: Prepared, step: float) -> StepErrors | None:
     ----------
     prepared : Prepared
     step : float
-        Of the angle, rad (m).
+        Of the angle, rad (m); the smallest of one that was written with few digits.
+    largest : float
+        The largest of such a one, rad (m).
     """
     period, wide = 1.0 / prepared.rate, PREFILTER * prepared.cutoff
-    largest = step / math.pi * (2.0 * math.pi * wide) ** 2  # a wave of the angle at the edge of the band
-    if largest < NEGLIGIBLE * float(np.std(prepared.alpha)):
+    wave = max(step, largest) / math.pi * (2.0 * math.pi * wide) ** 2  # of the angle at the edge of the band
+    if wave < NEGLIGIBLE * float(np.std(prepared.alpha)):
         return None
-    count = prepared.signals["theta"] / step
+    sizes = _by_size(prepared.signals["theta"], step, largest)
+    count = prepared.signals["theta"] / sizes
     speed, acceleration, filtered = np.zeros(len(count)), np.zeros(len(count)), np.zeros(len(prepared.keep))
     at_once = ZEROS if ZEROS * len(count) <= SIDE_BY_SIDE else 1  # those of a long log are large
     for first in range(0, ZEROS, at_once):
         places = (count + (k + 0.5) / ZEROS for k in range(first, first + at_once))
-        errors = [step * (np.round(place) - place) for place in places]
+        errors = [sizes * (np.round(place) - place) for place in places]
         for error in low_pass_each(errors, prepared.rate, wide) if wide < 0.45 * prepared.rate else errors:
             slope = derivative(error, period)
             bend = derivative(slope, period)
@@ -126,3 +141,9 @@ def errors_by_steps(prepared: Prepared, step: float) -> StepErrors | None:
             acceleration += bend**2
             filtered += prepared.column(bend) ** 2
     return StepErrors(*(np.sqrt(total / ZEROS) for total in (speed, acceleration, filtered)))
+
+
+def _by_size(theta: Array, smallest: float, largest: float) -> Array:
+    """Return the step at each angle, shape (n,): of few digits, a tenth of the size has a tenth of the step."""
+    decade = np.floor(np.log10(np.maximum(np.abs(theta), 1e-300)))
+    return np.asarray(np.maximum(smallest, largest * 10.0 ** (decade - decade.max())))

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.evaluate import called, compiled_loop
 from pmsm_ctrl.effects.structures.interface import Balances, LogView, Search, SecondMass
-from pmsm_ctrl.effects.structures.rubbing import bristle_column, own_deceleration
+from pmsm_ctrl.effects.structures.load_table import LoadTable, made_table, peaks, rigid_axis
+from pmsm_ctrl.effects.structures.rubbing import bristle_column
 from pmsm_ctrl.effects.structures.transmission import (
     DAMPING,
     FREQUENCY,
@@ -40,9 +41,10 @@ AT_ONCE, FEWEST_LANES = 4e6, 8  # bytes of columns that are made side by side, a
 # Times in which the mean acceleration of a log carries the shaft across a gap, s, and how many gaps are searched: one
 # that is crossed faster looks like an error of the moment of reversal, one that is crossed slower like a free load.
 SHORTEST, LONGEST, GAPS = 0.003, 0.08, 15
-# Contact of a load that rubs, Hz and damping; its deceleration in ratios to that of the whole axis by its friction; and
-# samples of the log that its gap takes at least: in less, an edge of the torque that no sample caught looks the same.
-RUBS, RATIOS = (150.0, 1.2), np.geomspace(0.4, 4.0, 7).tolist()
+# Contact of a load that rubs, Hz and damping, where the search begins; its deceleration in ratios to that of the whole
+# axis by its friction; and samples of the log that its gap takes at least: in less, an edge of the torque that no
+# sample caught looks the same.
+RUBS, RATIOS = (150.0, 1.2), np.geomspace(0.4, 4.0, 7)
 CROSSED = 3.0
 # Gap over what the contact gives way under the mean acceleration: behind less, a load hangs on a damper, not on flanks.
 FIRM = 2.0
@@ -143,22 +145,45 @@ class Gap(Transmission):
         A load that bounces off its flanks cannot be followed: small errors of the motion grow with each bounce. One
         that stays where it struck explains most of the same torque, so contacts are searched as well damped ones.
         """
-        gaps = _gaps(log.balances)
-        seen = gaps[gaps >= 0.5 * mean_acceleration(log.balances) * (CROSSED * log.balances.period) ** 2]
         shapes = [
             {self.gap: gap, FREQUENCY: 2.0 * np.pi * f, DAMPING: zeta}
-            for gap in gaps.tolist()
+            for gap in _gaps(log.balances).tolist()
             for f in (80.0, 300.0)
             for zeta in (0.4, 1.2)
         ]
-        own = own_deceleration(log.balances) if self.dry else None
-        shapes += [
-            {self.gap: gap, FREQUENCY: 2.0 * np.pi * RUBS[0], DAMPING: RUBS[1], RUBBING: ratio * own}
-            for gap in seen.tolist()
-            for ratio in RATIOS
-            if own is not None
-        ]
-        return Search(tuple(shapes))
+        rubbing, looked = self._rubbing(effect, log)
+        return Search((*shapes, *rubbing), len(shapes) + looked)
+
+    def _rubbing(self, effect: Effect, log: LogView) -> tuple[list[dict[str, float]], int]:
+        """Return the gaps with a load that rubs which lower the error most, and how many were looked at."""
+        balances, key = log.balances, ("seen", effect.id, id(effect.term), RUBBING)
+        if key not in balances.kept:
+            balances.kept[key] = self._table(balances, effect) if self.dry else None
+        table: LoadTable | None = balances.kept[key]
+        if table is None:
+            return [], 0
+        gains = table.gains(log.residual).reshape(-1, len(RATIOS))
+        best = peaks(gains)
+        beside = np.where(best % len(RATIOS) > 0, best - 1, best + 1)  # how far apart the searched ones are
+        found = table.loads[np.unique([*best, *beside])].tolist() if len(best) else []
+        contact = {FREQUENCY: 2.0 * np.pi * RUBS[0], DAMPING: RUBS[1]}
+        return [{self.gap: gap, **contact, RUBBING: f} for gap, f in found], len(table.loads)
+
+    def _table(self, balances: Balances, effect: Effect) -> LoadTable | None:
+        """Return the gaps with a load that rubs; None where the axis has no dry friction, or crosses all too fast."""
+        axis, gaps = rigid_axis(balances), _gaps(balances)
+        gaps = gaps[gaps >= 0.5 * mean_acceleration(balances) * (CROSSED * balances.period) ** 2]
+        if axis is None or not len(gaps):
+            return None
+        loads = np.array([(gap, ratio * axis.deceleration) for gap in gaps.tolist() for ratio in RATIOS])
+        contact = {FREQUENCY: 2.0 * np.pi * RUBS[0], DAMPING: RUBS[1]}
+
+        def followed(some: slice, theta: Array, omega: Array, period: float) -> Array:
+            shapes = [{self.gap: gap, **contact, RUBBING: f} for gap, f in loads[some].tolist()]
+            return self._passed_on(effect, theta, omega, period, shapes)
+
+        most = np.minimum(axis.inertia, axis.dry / loads[:, 1])
+        return made_table(balances, axis, loads, most, followed)
 
     def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
         """Return the gap, and the load's own frequency and damping in contact."""
@@ -170,30 +195,36 @@ class Gap(Transmission):
         return None if mass is None else replace(mass, gap=values[self.gap])
 
     def _followed(self, balances: Balances, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> Iterator[Array]:
-        """Yield what each of several contacts passes on less what the load would need on a rigid axis, shape (n,).
+        """Yield what each of several contacts passes on less what the load would need on a rigid axis, shape (n,)."""
+        s = balances.signals
+        passed = self._passed_on(effect, s["theta"], s["omega"], balances.period, shapes)
+        for row, shape in zip(passed, shapes, strict=True):
+            rigid = s["alpha"] + shape[RUBBING] * s["direction"] if RUBBING in shape else s["alpha"]
+            yield after_hard_start(balances, row - rigid, shape, LONGEST)
+
+    def _passed_on(
+        self, effect: Effect, theta: Array, omega: Array, period: float, shapes: Sequence[Mapping[str, float]]
+    ) -> Array:
+        """Return what contacts pass on over the inertia of their loads, shape (k, n).
 
         The effect's own contact law is used with stiffness, damping and friction per inertia.
         """
         loop, symbols = compiled_loop(effect, "load", _loop)
-        s = balances.signals
         values = {p.symbol: np.full(len(shapes), p.start) for p in effect.parameters}
         w, zeta = (np.array([shape[name] for shape in shapes]) for name in (FREQUENCY, DAMPING))
         w = np.minimum(w, 2.0 * np.pi * STIFFEST)
         values[self.gap] = np.array([shape[self.gap] for shape in shapes])
         values[self.stiffness], values[self.damping] = w * w, 2.0 * zeta * w
-        rubbing = np.array([shape.get(RUBBING, 0.0) for shape in shapes])
         if self.dry:
-            values[self.dry] = rubbing
-        steps = np.ceil(balances.period * w * 4.0 * np.clip(zeta / STUCK, 1.0, FINEST)).astype(int)
+            values[self.dry] = np.array([shape.get(RUBBING, 0.0) for shape in shapes])
+        steps = np.ceil(period * w * 4.0 * np.clip(zeta / STUCK, 1.0, FINEST)).astype(int)
         steps = np.maximum(4, steps)
-        out = np.empty((len(shapes), len(s["theta"])))
+        out = np.empty((len(shapes), len(theta)))
         for substeps in np.unique(steps).tolist():
             lanes = np.flatnonzero(steps == substeps)
             own = (np.ascontiguousarray(values[symbol][lanes]) for symbol in symbols)
-            loop(out, lanes, s["theta"], s["omega"], balances.period, substeps, *own)
-        for row, shape, f in zip(out, shapes, rubbing.tolist(), strict=True):
-            rigid = s["alpha"] + f * s["direction"] if f else s["alpha"]
-            yield after_hard_start(balances, row - rigid, shape, LONGEST)
+            loop(out, lanes, theta, omega, period, substeps, *own)
+        return out
 
 
 def _gaps(balances: Balances) -> Array:

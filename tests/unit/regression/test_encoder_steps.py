@@ -9,7 +9,7 @@ from pmsm_ctrl import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.conditioning import Prepared, Processing
-from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps, rough_acceleration
+from pmsm_ctrl.regression.encoder_steps import angle_step, angle_steps, errors_by_steps, rough_acceleration
 from pmsm_ctrl.regression.weights import uneven_weight
 
 RATE, STEP = 1000.0, 2.0 * np.pi / 512.0
@@ -60,6 +60,21 @@ def test_the_noise_of_the_acceleration_is_that_of_a_rounded_angle() -> None:
     left = (record.acceleration() - record.shaped(alpha))[record.mask]
     assert np.std(left) == pytest.approx(rough_acceleration(step, RATE, CUTOFF), rel=0.15)
     assert record.rough == pytest.approx(rough_acceleration(step, RATE, CUTOFF), rel=1e-6)
+
+
+def test_the_steps_of_an_angle_with_few_digits_grow_with_it() -> None:
+    """Five significant digits: 1e-3 rad from 10 rad on, 1e-4 below; the error is that of the rounded motion."""
+    t = np.arange(60_000) / RATE
+    theta = 30.0 * np.sin(2.0 * np.pi * 0.05 * t) + 0.3 * np.sin(2.0 * np.pi * 1.7 * t)
+    written = np.array([float(f"{value:.5g}") for value in theta])
+    smallest, largest = angle_steps(Log({"t": t, "theta": written, "torque": t}))
+    assert largest == pytest.approx(1e-3, rel=1e-3)
+    found, shaped = errors_by_steps(prepared(theta), smallest, largest), prepared(theta)
+    assert found is not None
+    error = shaped.column(np.gradient(np.gradient(written - theta, 1.0 / RATE), 1.0 / RATE))
+    size = np.abs(theta[shaped.keep])
+    for far in (size > 12.0, (size > 1.5) & (size < 9.0)):
+        assert np.sqrt(np.mean(found.filtered[far] ** 2)) == pytest.approx(np.std(error[far]), rel=0.2)
 
 
 def test_a_fine_encoder_has_none() -> None:

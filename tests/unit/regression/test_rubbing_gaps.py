@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from pmsm_ctrl.effects.backlash import effect
+from pmsm_ctrl.effects.structures.load_table import RigidAxis, made_table, peaks
 from pmsm_ctrl.effects.structures.transmission import DAMPING, FREQUENCY, RUBBING
 
 PERIOD, V = 1e-3, 3.0  # s, rad/s
@@ -59,3 +61,27 @@ def test_the_parameters_hold_the_friction_of_the_load() -> None:
     assert shape[RUBBING] == pytest.approx(200.0)
     assert effect.structure.parameters(effect, {**shape, "J_load": 4e-5}) == pytest.approx(values)
     assert RUBBING not in effect.structure.shape(effect, {**values, "F_load": 0.0})
+
+
+def test_the_table_tells_what_a_load_explains() -> None:
+    """Against least squares on the same columns, the inertia inside its bounds."""
+    rng = np.random.default_rng(11)
+    plain, columns, residual = rng.standard_normal((4, 300)), rng.standard_normal((20, 300)), rng.standard_normal(300)
+    most = np.full(20, 0.05)
+    signals = {name: rng.standard_normal(300) for name in ("theta", "omega")}
+    balances: Any = SimpleNamespace(signals=signals, period=PERIOD, shaped=lambda values: values)
+    loads = np.column_stack([np.arange(20.0), rng.uniform(0.0, 2.0, 20)])
+    weight = rng.uniform(0.2, 1.0, 300)
+    axis = RigidAxis(plain, weight, 1.0, 1.0)
+
+    table = made_table(balances, axis, loads, most, lambda some, *_: columns[some])
+    for gain, column, (_, f) in zip(table.gains(residual), columns, loads, strict=True):
+        whole = weight * np.vstack([plain, column - plain[0] - f * plain[1]])
+        low, high = np.array([-np.inf] * 4 + [0.0]), np.array([np.inf] * 4 + [0.05])
+        rest = [lsq_linear(whole[:k].T, weight * residual, (low[:k], high[:k])) for k in (4, 5)]
+        assert gain == pytest.approx(2.0 * (rest[0].cost - rest[1].cost), rel=1e-3, abs=1e-4)
+
+
+def test_peaks_are_better_than_all_around_them() -> None:
+    table = np.array([[1.0, 2.0, 1.0, 0.0], [0.0, 3.0, 0.0, 5.0], [0.0, 0.0, 0.0, 4.0]])
+    assert peaks(table).tolist() == [7, 5]
