@@ -173,7 +173,7 @@ SINGLE_WAVE = Template(
 WINDING_IMPOSSIBLE = Template(
     "winding_impossible",
     "{parameter} would be {value:.3g} {unit}, {ratio:.2g} times its nominal value: another winding, or a missing "
-    "voltage term that resembles {like}; no effect of the catalogue explains it",
+    "voltage term that resembles {like}; {explained}",
 )
 # -- events
 EVENT_PUSH = Template(

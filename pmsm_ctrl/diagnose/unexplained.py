@@ -184,7 +184,8 @@ def impossible_winding(fit: Fitted, policy: Policy = POLICY) -> Structure | None
     """Return the voltage that a parameter of the winding takes up far beyond its datasheet; None where none does.
 
     A dead time that is no candidate is as well a resistance of four times the datasheet's: the residual is noise then,
-    and yet no motor of that datasheet explains the log.
+    and yet no motor of that datasheet explains the log. At one amplitude of the current it is one in the model as well:
+    the effects that the log does not tell from the parameter are said.
 
     Parameters
     ----------
@@ -209,7 +210,11 @@ def impossible_winding(fit: Fitted, policy: Policy = POLICY) -> Structure | None
     share = 1.0 - float(np.mean(fit.residual[row][record.mask] ** 2) / np.mean(with_it[record.mask] ** 2))
     like, unit = LIKENESS[name]
     value, nominal = float(plain.values[k]), float(plain.model.nominal[k])
-    notice = notices.WINDING_IMPOSSIBLE(parameter=name, value=value, unit=unit, ratio=value / nominal, like=like)
+    same = [t.candidate.effect.id for t in fit.trials if t.singular and name in t.candidate.effect.look_alikes]
+    explained = f"this log does not tell {' and '.join(same)} from it" if same else notices.why(None, policy)
+    notice = notices.WINDING_IMPOSSIBLE(
+        parameter=name, value=value, unit=unit, ratio=value / nominal, like=like, explained=explained
+    )
     curve = _over(record.at_grid(record.signals["i_d" if name == "L_d" else "i_q"]), record, with_it)
     p = math.erfc(float(surely[best]) / math.sqrt(2.0))
     return Structure("current", "A", record.channels[row], max(share, 0.0), p, curve, notice, like)

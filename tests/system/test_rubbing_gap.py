@@ -13,7 +13,7 @@ from tests.effort import slow
 GAP, SHARE = 0.04, 0.5  # rad; of the inertia
 
 
-HIDDEN = pytest.mark.xfail(reason="the noise by which candidates are judged holds the gap: not confirmed, unexplained")
+HIDDEN = pytest.mark.xfail(reason="the noise by which candidates are judged holds the gap: not confirmed")
 
 
 @pytest.mark.parametrize(

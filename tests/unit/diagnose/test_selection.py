@@ -373,8 +373,9 @@ def test_an_equivalent_is_tried_alone_for_two_effects() -> None:
 # ---- friction -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("same", [True, False])
 @pytest.mark.parametrize(("R", "stderr", "found"), [(4.3, 0.1, True), (3.1, 0.1, False), (4.3, 1.2, False)])
-def test_a_winding_fifteen_tolerances_off_is_unexplained(R: float, stderr: float, found: bool) -> None:
+def test_a_winding_fifteen_tolerances_off_is_unexplained(R: float, stderr: float, found: bool, same: bool) -> None:
     """The nominal resistance is 1 Ohm, its tolerance at least 15 %: impossible from 3.25 Ohm on."""
     i_q = np.linspace(-1.0, 1.0, 400)
     matrix = np.stack([0.0 * i_q, 0.0 * i_q, i_q])[:, :, None]
@@ -386,7 +387,11 @@ def test_a_winding_fifteen_tolerances_off_is_unexplained(R: float, stderr: float
         channels=("torque", "u_d", "u_q"), mask=np.ones(400, dtype=bool), drive="torque",
         signals={"i_q": i_q, "omega": np.ones(400)}, at_grid=lambda x: x,
     )  # fmt: skip
-    fit = SimpleNamespace(plain=plain, record=record, residual=np.full((3, 400), 1e-3))
+    trials = [
+        SimpleNamespace(singular=singular, candidate=SimpleNamespace(effect=effect))
+        for singular, effect in ((same, CATALOGUE["dead_time"]), (True, CATALOGUE["cogging"]))
+    ]
+    fit = SimpleNamespace(plain=plain, record=record, residual=np.full((3, 400), 1e-3), trials=trials)
     structure = impossible_winding(fit)  # type: ignore[arg-type]
     assert (structure is not None) is found
     if structure is not None:
@@ -395,6 +400,8 @@ def test_a_winding_fifteen_tolerances_off_is_unexplained(R: float, stderr: float
         )  # fmt: skip
         assert structure.share == pytest.approx(1.0, abs=1e-4)
         assert "R would be 4.3 Ohm, 4.3 times its nominal value" in structure.notice.text
+        why = "this log does not tell dead_time from it" if same else "no effect of the catalogue explains it"
+        assert structure.notice.text.endswith(f"resembles a resistance; {why}")
         x, forward, backward = structure.curve
         assert np.polyfit(x, forward, 1)[0] == pytest.approx(R - 1.0, rel=0.01)
         assert np.isnan(backward).all()
