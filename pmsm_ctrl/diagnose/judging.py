@@ -131,6 +131,7 @@ def judge_trial(
     if barely:
         refusal = criteria.barely_confirmed(found, policy)
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
+        surely = surely or any(one.effect.structure.replaces_direction for one in fit.accepted)
         refusal = criteria.beside_rivals(*beside, policy, surely, not trial.candidate.effect.structure.unlike_rivals)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found, barely)
 

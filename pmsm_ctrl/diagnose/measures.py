@@ -100,6 +100,11 @@ def with_rivals(fit: Fitted, trial: Trial) -> Model | None:
     """Return the model with what must not be taken for a trial, as large as it may be; None without such rivals."""
     effect, record = trial.candidate.effect, fit.record
     parts = effect.structure.rivals(effect, trial.group.shape, record)
+    if effect.enters == "torque" and not effect.order:
+        parts = [
+            *parts,
+            *(part for one in fit.accepted for part in one.effect.structure.beside_shape(record, one.shape)),
+        ]
     if not parts:
         return None
     symbols = tuple(f"rival {k + 1}" for k in range(len(parts)))

@@ -55,8 +55,8 @@ WORDS: Mapping[Reason, str] = {
     "within the model error of an effect of {largest:.2g} %",
     Reason.MINOR: "significant but minor: {percent:.2g} % of the residual above the noise floor",
     Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
-    Reason.EXPLAINED_BY_RIVALS: "explained to {percent:.0f} % by channel timing, channel filters or harmonics of a "
-    "turn (cross-validation gain beside them {gain})",
+    Reason.EXPLAINED_BY_RIVALS: "explained to {percent:.0f} % by channel timing, channel filters, harmonics of a "
+    "turn or presliding (cross-validation gain beside them {gain})",
     Reason.LIKE_RIPPLE: "not distinguishable from the reluctance torque of a current ripple ({percent:.0f} % of it): "
     "instants of i_d and i_q in the log, stated as such, would tell",
     Reason.IN_STEP: "not distinguishable from currents and voltages sampled in step with a held reference: the winding "

@@ -20,6 +20,7 @@ from pmsm_ctrl.effects.structures.interface import (
     Structure,
     kernel_call,
 )
+from pmsm_ctrl.effects.structures.rubbing import bristle_column
 from pmsm_ctrl.effects.structures.term import SMOOTHED
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ __all__ = ["Bristle"]
 Array = NDArray[np.float64]
 
 LEVEL = "(level)"  # the column's factor: how much of the dry friction the bristle carries
+SHARES_OF_REACH = (0.3, 3.0)  # of the deflection of one bristle, that of others of the same surface
 LAGS = 3.0  # times its scale: the travel after which 95 % of a bristle's lag are over
 
 
@@ -129,6 +131,10 @@ class Bristle(Structure):
         out = np.empty(len(s["theta"]))
         loop(out, s["theta"], s["omega"], *(values[symbol] for symbol in symbols))
         return out
+
+    def beside_shape(self, balances: Balances, shape: Mapping[str, float]) -> list[dict[str, Array]]:
+        """Return bristles that bend less and more: no surface has a single one."""
+        return [{"torque": bristle_column(balances, part * shape[self.deflection])} for part in SHARES_OF_REACH]
 
     def memory_along(self, effect: Effect, values: Mapping[str, float], omega: Array, theta: Array) -> Array:
         """Return the deflection along a measured motion that begins with a straight bristle, shape (n, 1)."""

@@ -389,6 +389,13 @@ class Structure(ABC):
         """Whether an effect of these amounts is so small that errors of the model are as large."""
         return False
 
+    def beside_shape(self, balances: Balances, shape: Mapping[str, float]) -> list[dict[str, Array]]:
+        """Return what an axis with the effect may have of it beside this shape, shape (n,) each, as large as may be.
+
+        Another effect on the torque is only named beside this one if it explains something beside all of these.
+        """
+        return []
+
     def never_minor(self, shape: Mapping[str, float]) -> bool:
         """Whether a shape is so flexible that a part of the residual is no evidence of it."""
         return False
