@@ -159,7 +159,7 @@ def test_false_alarms_in_words(alarms: int, warned: bool) -> None:
 
 def resembling(
     gain: float, reason: Reason, p_value: float = 1e-20, plain_gain: float | None = None, left_out: float = 1.0,
-    size: float = 10.0,
+    size: float = 10.0, flexible: bool = False,
 ) -> Any:  # fmt: skip
     """A spring that would explain `gain` of 100, in the second of two balances; four samples a balance.
 
@@ -170,7 +170,12 @@ def resembling(
     trial = SimpleNamespace(
         gain=gain, p_value=p_value, by_weights=plain_gain is not None, plain_gain=plain_gain or 0.0,
         plain_direction=np.array([0.1, 0.1, 3.0, 3.0]),
-        candidate=SimpleNamespace(effect=SimpleNamespace(id="compliance", label=lambda shape: "compliance")),
+        candidate=SimpleNamespace(
+            effect=SimpleNamespace(
+                id="compliance", label=lambda shape: "compliance",
+                structure=SimpleNamespace(never_minor=lambda shape: flexible),
+            )
+        ),
         group=SimpleNamespace(shape={}),
     )  # fmt: skip
     record = SimpleNamespace(
@@ -229,4 +234,5 @@ def test_other_refusals_and_small_shares_are_no_structure() -> None:
     assert resembling(50.0, Reason.BALANCE_WORSE) is None
     assert resembling(50.0, Reason.MINOR) is None, "it does not sit around reversals"
     assert resembling(50.0, Reason.NOT_CONFIRMED, size=1e4) is None, "a ten thousandth of the balance"
+    assert resembling(50.0, Reason.NOT_CONFIRMED, flexible=True) is None, "it fits a part of any residual"
     assert resembling(50.0, Reason.NOT_CONFIRMED, p_value=0.02) is None
