@@ -166,8 +166,11 @@ class Gap(Transmission):
         best = peaks(gains)
         beside = np.where(best % len(RATIOS) > 0, best - 1, best + 1)  # how far apart the searched ones are
         found = table.loads[np.unique([*best, *beside])].tolist() if len(best) else []
-        contact = {FREQUENCY: 2.0 * np.pi * RUBS[0], DAMPING: RUBS[1]}
-        return [{self.gap: gap, **contact, RUBBING: f} for gap, f in found], len(table.loads)
+        return [self._rubs(gap, f) for gap, f in found], len(table.loads)
+
+    def _rubs(self, gap: float, f: float) -> dict[str, float]:
+        """Return the shape of a load that rubs where its search begins."""
+        return {self.gap: gap, FREQUENCY: 2.0 * np.pi * RUBS[0], DAMPING: RUBS[1], RUBBING: f}
 
     def _table(self, balances: Balances, effect: Effect) -> LoadTable | None:
         """Return the gaps with a load that rubs; None where the axis has no dry friction, or crosses all too fast."""
@@ -176,11 +179,9 @@ class Gap(Transmission):
         if axis is None or not len(gaps):
             return None
         loads = np.array([(gap, ratio * axis.deceleration) for gap in gaps.tolist() for ratio in RATIOS])
-        contact = {FREQUENCY: 2.0 * np.pi * RUBS[0], DAMPING: RUBS[1]}
 
         def followed(some: slice, theta: Array, omega: Array, period: float) -> Array:
-            shapes = [{self.gap: gap, **contact, RUBBING: f} for gap, f in loads[some].tolist()]
-            return self._passed_on(effect, theta, omega, period, shapes)
+            return self._passed_on(effect, theta, omega, period, [self._rubs(*load) for load in loads[some].tolist()])
 
         most = np.minimum(axis.inertia, axis.dry / loads[:, 1])
         return made_table(balances, axis, loads, most, followed)
