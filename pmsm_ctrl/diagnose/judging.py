@@ -30,6 +30,7 @@ from pmsm_ctrl.diagnose.measures import (
     weighted_errors,
     winding_deviation,
 )
+from pmsm_ctrl.diagnose.one_speed import at_one_speed
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial
@@ -195,9 +196,9 @@ def judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> 
     )
     if not (trial.by_weights or memory):
         old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (beside, after))
-    return (
-        refusal or criteria.error_lowered(old, new, returned, policy) or _judge_parameters(before, after, trial, policy)
-    )
+    refusal = refusal or criteria.error_lowered(old, new, returned, policy)
+    refusal = refusal or at_one_speed(beside, after, trial.candidate.effect, policy)
+    return refusal or _judge_parameters(before, after, trial, policy)
 
 
 def _judge_together(before: Fitted, after: Fitted, policy: Policy) -> Refusal | None:

@@ -25,6 +25,7 @@ class Reason(StrEnum):
     EXPLAINED_BY_RIVALS = "explained_by_rivals"
     LIKE_RIPPLE = "like_ripple"
     IN_STEP = "in_step"
+    ONE_SPEED = "one_speed"
     BALANCE_WORSE = "balance_worse"
     ERROR_NOT_LOWERED = "error_not_lowered"
     MODEL_OUT_OF_BOUNDS = "model_out_of_bounds"
@@ -61,6 +62,8 @@ WORDS: Mapping[Reason, str] = {
     "instants of i_d and i_q in the log, stated as such, would tell",
     Reason.IN_STEP: "not distinguishable from currents and voltages sampled in step with a held reference: the winding "
     "without it and the inertia are both outside their tolerance, as such a log shows them",
+    Reason.ONE_SPEED: "seen at one speed only, about {speed:.2g} rad/s for {turns:.1f} turns: not distinguishable from "
+    "a wave over time; runs at two slow speeds would tell",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",

@@ -6,6 +6,8 @@ last one cause for all coefficients that are off (`causes`). All of them use the
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pmsm_ctrl.design import Design
@@ -13,6 +15,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility.bins import binned
 from pmsm_ctrl.plausibility.causes import likeliest, strange
 from pmsm_ctrl.plausibility.foreign import foreign_current, foreign_voltage, late_channel, magnitudes, sensor_offset
+from pmsm_ctrl.plausibility.in_step import voltages_in_step
 from pmsm_ctrl.plausibility.recorder import recorded
 from pmsm_ctrl.plausibility.relations import Evidence, evidence_of
 from pmsm_ctrl.plausibility.result import Plausibility
@@ -48,9 +51,12 @@ def examine(design: Design, log: Log) -> Plausibility:
     with np.errstate(all="ignore"):
         found = recorded(design, log)
         evidence = evidence_of(design, binned(found.log))
-        contradictions = found.contradictions or _contradictions(evidence, found.log)
-        changed, late = (found.log, ()) if contradictions else late_channel(evidence, found.log)
-    return Plausibility(changed, contradictions, (*found.doubts, *late), found.excluded, found.repairs)
+        kept, in_step = voltages_in_step(evidence, found.log)
+        if in_step:
+            evidence = replace(evidence, voltages={})
+        contradictions = found.contradictions or _contradictions(evidence, kept)
+        changed, late = (kept, ()) if contradictions else late_channel(evidence, kept)
+    return Plausibility(changed, contradictions, (*found.doubts, *in_step, *late), found.excluded, found.repairs)
 
 
 def _contradictions(evidence: Evidence, log: Log) -> tuple[Notice, ...]:

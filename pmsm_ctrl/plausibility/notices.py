@@ -111,6 +111,11 @@ CUT_IN_TIME = Template(
     "{channel} jumps by {size:.4g} {unit} at t = {at:.6g} s: samples are missing there, or the count was reset; the "
     "log is split there",
 )
+VOLTAGES_IN_STEP = Template(
+    "voltages_in_step",
+    "u_d and u_q were left out: by them psi_f is {percent:+.2g} % off, and voltages that are sampled every "
+    "{period:.3g} ms in step with a held reference show the same; log faster, or state the sampling in [log]",
+)
 
 # -- repairs ----
 EVEN_STAMPS = Template(

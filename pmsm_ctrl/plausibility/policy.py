@@ -67,6 +67,11 @@ class Policy:
     held : float
         s; the slowest speed loops hold a torque command for 2 ms.
     held_periods : int
+    held_reference : float
+        s; the usual cycles of a fieldbus are up to 2 ms. A log of such a period or a longer one may be in step with it.
+    fastest_loop : float
+        Hz, of a current loop. In 58 clean worlds logged at 250 Hz with voltages eight show a flux linkage off by more
+        than 7 %; their viscous friction allows for all of it with this, for a half of it in seven with a quarter.
     jitter : float
         Periods; stamps that are off by more are no jitter of a clock, but pauses.
     clipped_share : float
@@ -116,6 +121,8 @@ class Policy:
     counts: float = 8.0
     held: float = 4e-3
     held_periods: int = 2
+    held_reference: float = 2e-3
+    fastest_loop: float = 2e3
     jitter: float = 40.0
     clipped_share: float = 0.1
     clipped_bins: int = 10
