@@ -30,11 +30,11 @@ from pmsm_ctrl.diagnose.measures import (
     weighted_errors,
     winding_deviation,
 )
-from pmsm_ctrl.diagnose.one_speed import at_one_speed
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.shapes import sizes_in_shape
+from pmsm_ctrl.diagnose.where_seen import where_seen
 from pmsm_ctrl.evidence.tests import f_tail
 from pmsm_ctrl.regression.bounds import bounded, column_bounds
 from pmsm_ctrl.regression.drive_timing import LATENESS
@@ -197,8 +197,7 @@ def judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> 
     if not (trial.by_weights or memory):
         old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (beside, after))
     refusal = refusal or criteria.error_lowered(old, new, returned, policy)
-    refusal = refusal or at_one_speed(beside, after, trial.candidate.effect, policy)
-    return refusal or _judge_parameters(before, after, trial, policy)
+    return refusal or where_seen(beside, after, policy) or _judge_parameters(before, after, trial, policy)
 
 
 def _judge_together(before: Fitted, after: Fitted, policy: Policy) -> Refusal | None:

@@ -26,6 +26,7 @@ class Reason(StrEnum):
     LIKE_RIPPLE = "like_ripple"
     IN_STEP = "in_step"
     ONE_SPEED = "one_speed"
+    IN_PASSING = "in_passing"
     BALANCE_WORSE = "balance_worse"
     ERROR_NOT_LOWERED = "error_not_lowered"
     MODEL_OUT_OF_BOUNDS = "model_out_of_bounds"
@@ -64,6 +65,8 @@ WORDS: Mapping[Reason, str] = {
     "without it and the inertia are both outside their tolerance, as such a log shows them",
     Reason.ONE_SPEED: "seen at one speed only, about {speed:.2g} rad/s for {turns:.1f} turns: not distinguishable from "
     "a wave over time; runs at two slow speeds would tell",
+    Reason.IN_PASSING: "seen to {percent:.0f} % where the axis starts, stops or reverses too fast for the band: not "
+    "distinguishable from presliding or a rest that is too short to see; slower reversals would tell",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",

@@ -42,6 +42,7 @@ effect = Effect(
     term=term,
     search=search,
     bends_over="w_r",
+    rounds=True,
     example={"dF_r": 0.01, "w_r": 5.0},
     needs="slow changes of direction, and steady motion at several speeds around the one over which it rises",
     look_alikes={
