@@ -344,17 +344,31 @@ def test_an_inertia_is_not_flagged_where_a_sampling_in_step_with_the_reference_d
     assert why in inertia.note
 
 
-@pytest.mark.parametrize(
-    ("seed", "name", "why"),
-    [(2600251, "K_t", "F_v would be negative"), (2600185, "R", "dead_time would bring it back")],
-)
-def test_a_winding_is_not_flagged_where_the_log_shows_something_else_as_well(seed: int, name: str, why: str) -> None:
-    world = draw(seed, log_rate=250.0)
+def test_a_winding_is_not_flagged_where_the_log_shows_something_else_as_well() -> None:
+    world = draw(2600185, log_rate=250.0)
     found = diagnose(world.design, simulate_world(world), plan=False)
-    winding = next(one for one in found.parameter_deviations if one.parameter == name)
+    winding = next(one for one in found.parameter_deviations if one.parameter == "R")
     assert winding.outside
     assert not winding.flagged
-    assert why in winding.note
+    assert "dead_time would bring it back" in winding.note
+
+
+@pytest.mark.parametrize("seed", [2600251, slow(4200027), slow(4200038), slow(4200048), slow(4200201)])
+def test_no_winding_is_judged_by_voltages_in_step_with_a_held_reference(seed: int) -> None:
+    """The flux linkage was off by 8 to 90 %: it was flagged, or a negative friction was said to speak against it."""
+    world = draw(seed, log_rate=250.0)
+    found = diagnose(world.design, simulate_world(world), plan=False)
+    assert {"u_d", "u_q"}.isdisjoint(found.record.channels)
+    assert not any(one.flagged for one in found.parameter_deviations)
+    assert "voltages_in_step" in [one.code for one in found.notices]
+
+
+@pytest.mark.parametrize("seed", [4200224, slow(4200232), slow(4200288)])
+def test_a_wave_at_one_speed_is_no_cogging(seed: int) -> None:
+    """Orders of 538, 122 and 70 were named, all at one level of a staircase."""
+    world = draw(seed, log_rate=250.0)
+    found = diagnose(world.design, simulate_world(world), plan=False)
+    assert found.steps == ()
 
 
 @pytest.mark.parametrize("seed", [1250029, slow(1250245)])
