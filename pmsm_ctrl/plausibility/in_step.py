@@ -21,8 +21,8 @@ def voltages_in_step(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, .
 
     A position reference that is held steps in proportion to the speed, and current and voltage answer each step with a
     jump that fades until the next one. Where every sample stands at the same place of a step, the current is off by
-    b omega, which is taken for viscous friction: b = F_v / K_t at most. A current loop of angular frequency w makes the
-    voltage L_q w b omega of that, which is taken for back-emf.
+    b omega, which is taken for viscous friction: K_t b is all of it, or its difference from the design's. A current
+    loop of angular frequency w makes the voltage L_q w b omega of that, which is taken for back-emf.
 
     Parameters
     ----------
@@ -36,7 +36,9 @@ def voltages_in_step(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, .
     emf = design.K_t_assumed * (motor.p or 0) * (motor.psi_f or 0.0)
     if not emf or not motor.L_q:
         return log, ()
-    in_step = motor.L_q * 2.0 * math.pi * POLICY.fastest_loop * abs(torque.value("F_v")) / emf
+    F_v = torque.value("F_v")
+    taken = max(abs(F_v), abs(F_v - design.parameters("viscous").get("F_v", 0.0)))
+    in_step = motor.L_q * 2.0 * math.pi * POLICY.fastest_loop * taken / emf
     off = abs(psi_f.value - 1.0) - motor.tolerance.get("psi_f", 0.0)
     if not 0.0 < off <= in_step:
         return log, ()
