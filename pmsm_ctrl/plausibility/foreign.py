@@ -189,8 +189,11 @@ def _signs_help(seen: Array, omega: Array, alpha: Array, sign: Array, used: NDAr
 
 
 def _friction(evidence: Evidence, omega: Array) -> Array:
-    parameters = evidence.design.parameters
+    """Return the friction that the design states, or that of the log where it states none."""
+    parameters, fit = evidence.design.parameters, evidence.narrow
     dry, viscous = parameters("coulomb").get("F_c", 0.0), parameters("viscous").get("F_v", 0.0)
+    if not (dry or viscous) and fit is not None:  # without it an axis that runs one way would need both signs
+        dry, viscous = max(fit.value("F_c"), 0.0), max(fit.value("F_v"), 0.0)
     return np.asarray(dry * np.sign(omega) + viscous * omega)
 
 
