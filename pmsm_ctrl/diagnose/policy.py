@@ -131,7 +131,7 @@ class Policy:
         filter. Set on: blind.
     own_share : float
         Smallest share of a friction column that must be independent of the others for its parameter to count as
-        excited. Set on: blind.
+        excited; and of its way that an axis has to go back for a load to be told from friction. Set on: blind.
     separated : float
         Twice the log-likelihood by which one rival must beat the other in the proposed experiment.
     explained_torque : float

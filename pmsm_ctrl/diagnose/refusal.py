@@ -25,6 +25,7 @@ class Reason(StrEnum):
     EXPLAINED_BY_RIVALS = "explained_by_rivals"
     LIKE_RIPPLE = "like_ripple"
     IN_STEP = "in_step"
+    ONE_WAY = "one_way"
     ONE_SPEED = "one_speed"
     IN_PASSING = "in_passing"
     BALANCE_WORSE = "balance_worse"
@@ -63,6 +64,8 @@ WORDS: Mapping[Reason, str] = {
     "instants of i_d and i_q in the log, stated as such, would tell",
     Reason.IN_STEP: "not distinguishable from currents and voltages sampled in step with a held reference: the winding "
     "without it and the inertia are both outside their tolerance, as such a log shows them",
+    Reason.ONE_WAY: "not distinguishable from dry and viscous friction: the axis goes {percent:.2g} % of its way back; "
+    "motion in both directions would tell",
     Reason.ONE_SPEED: "seen at one speed only, about {speed:.2g} rad/s for {turns:.1f} turns: not distinguishable from "
     "a wave over time; runs at two slow speeds would tell",
     Reason.IN_PASSING: "seen to {percent:.0f} % where the axis starts, stops or reverses too fast for the band: not "

@@ -1,4 +1,4 @@
-"""Where in a log an effect explains something: at one speed only, or in passing, other causes explain as much."""
+"""Where in a log an effect shows: one way or at one speed only, or in passing, other causes explain as much."""
 
 from __future__ import annotations
 
@@ -31,6 +31,8 @@ def where_seen(before: Fitted, after: Fitted, policy: Policy) -> Refusal | None:
     policy : Policy
     """
     last, record = after.accepted[-1], after.record
+    if last.effect.both_ways and (refusal := _one_way(after, policy)) is not None:
+        return refusal
     if before.residual[0].shape != after.residual[0].shape:
         return None
     if last.effect.rounds:
@@ -46,6 +48,14 @@ def _fall(before: Fitted, after: Fitted) -> Array:
     weight = after.record.weight[0][used]
     old, new = ((fit.residual[0][used] * weight) ** 2 for fit in (before, after))
     return np.asarray(old - new)
+
+
+def _one_way(after: Fitted, policy: Policy) -> Refusal | None:
+    """Return that the axis runs one way, where a load is a friction: what little it goes back it goes at its stops."""
+    speed = after.record.at_grid(after.record.signals["omega"])
+    ways = [float(np.maximum(side * speed, 0.0).sum()) for side in (1.0, -1.0)]
+    back = min(ways) / max(sum(ways), 1e-300)
+    return Refusal(Reason.ONE_WAY, {"percent": 100.0 * back}) if back < policy.own_share else None
 
 
 def _at_one_speed(fall: Array, after: Fitted, policy: Policy) -> Refusal | None:

@@ -24,6 +24,7 @@ effect = Effect(
         Parameter("dF_v", "N m s/rad", 0.0, -inf, inf, "half the difference of F_v between directions", linear=True),
     ),
     term=term,
+    both_ways=True,
     example={"dF_v": 4e-05},
     needs="at least two speeds in each direction",
     look_alikes={"constant_load": "at one speed per direction both are an offset between the directions"},
