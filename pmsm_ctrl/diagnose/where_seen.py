@@ -51,7 +51,10 @@ def _fall(before: Fitted, after: Fitted) -> Array:
 
 
 def _one_way(after: Fitted, policy: Policy) -> Refusal | None:
-    """Return that the axis runs one way, where a load is a friction: what little it goes back it goes at its stops."""
+    """Return that the axis runs one way, where a load is a friction, and where a bristle bends at starts alone.
+
+    What little it goes back it goes at its stops, and how far a bristle is bent at rest nobody knows.
+    """
     speed = after.record.at_grid(after.record.signals["omega"])
     ways = [float(np.maximum(side * speed, 0.0).sum()) for side in (1.0, -1.0)]
     back = min(ways) / max(sum(ways), 1e-300)

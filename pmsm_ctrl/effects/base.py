@@ -84,7 +84,7 @@ class Effect:
     search : function of a `LogView`, optional
         Returns the shapes over which the searched parameters are tried; multiples of their start values otherwise.
     bends_over : symbol of the speed over which a friction fades; empty for one that does not
-    both_ways : whether only an axis that runs both ways tells it from friction
+    both_ways : whether only an axis that runs both ways tells it from dry and viscous friction
     rounds : whether it only rounds off the step of dry friction, as much else does where that speed is passed quickly
     common_scale : linear parameters that scale the whole torque: no column can tell them from the torque constant
     same_as : linear parameters whose column is that of another effect up to a factor -> the id of that effect

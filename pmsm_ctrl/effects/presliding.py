@@ -56,6 +56,7 @@ effect = Effect(
         Parameter("tau_z", "s", 1e-3, 0.0, 1.0, "damping of the bristle over its stiffness", soft=True),
     ),
     term=term,
+    both_ways=True,
     example={"z_s": 0.002, "z_b": 0.5, "tau_z": 0.001},
     needs="small reversals and holds with an encoder finer than the breakaway deflection",
     look_alikes={

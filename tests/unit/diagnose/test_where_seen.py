@@ -74,9 +74,9 @@ def test_a_friction_that_rises_shows_slowly(alpha: float, reason: Reason | None)
     assert refused("stribeck", [-0.5, 3.0], [0.4, 0.4], 2.0, alpha=alpha, shape={"w_s": 1.0}) is None
 
 
-@pytest.mark.parametrize("effect", ["constant_load", "viscous_asymmetry"])
+@pytest.mark.parametrize("effect", ["constant_load", "viscous_asymmetry", "presliding"])
 @pytest.mark.parametrize(("back", "reason"), [(0.19, Reason.ONE_WAY), (0.21, None), (10.0, None)])
-def test_a_load_takes_an_axis_that_goes_back(effect: str, back: float, reason: Reason | None) -> None:
+def test_a_load_and_a_bristle_take_an_axis_that_goes_back(effect: str, back: float, reason: Reason | None) -> None:
     """2 % of the way."""
     assert refused(effect, [10.0, -back], [0.4, 0.4], 2.0) is reason
     assert refused(effect, [-10.0, back], [0.4, 0.4], 2.0) is reason
