@@ -125,6 +125,8 @@ class Effect:
             object.__setattr__(self, "channels", returned[self.enters])
         if not self.amplitudes:
             object.__setattr__(self, "amplitudes", tuple(p.symbol for p in self.parameters if p.linear))
+        if self.rounds and not self.bends_over:
+            raise DesignError(f"effect '{self.id}': `rounds` without `bends_over`, the speed over which it rises")
         known = {*SIGNALS, *(p.symbol for p in self.parameters)}
         for name in self.arguments:
             if name not in known:

@@ -71,7 +71,7 @@ class Policy:
         s; the usual cycles of a fieldbus are up to 2 ms. A log of such a period or a longer one may be in step with it.
     fastest_loop : float
         Hz, of a current loop. In 58 clean worlds logged at 250 Hz with voltages eight show a flux linkage off by more
-        than 7 %; their viscous friction allows for all of it with this, for a half of it in seven with a quarter.
+        than 7 %. Their viscous friction allows for it in all eight with this, in four with a quarter of it.
     jitter : float
         Periods; stamps that are off by more are no jitter of a clock, but pauses.
     clipped_share : float

@@ -353,6 +353,16 @@ def test_a_winding_is_not_flagged_where_the_log_shows_something_else_as_well() -
     assert "dead_time would bring it back" in winding.note
 
 
+def test_a_torque_constant_is_not_flagged_beside_a_negative_friction() -> None:
+    world = draw(2600251, log_rate=250.0)
+    stated = world.design.replace(log={"sampling": "instant"})  # else its voltages are left out
+    found = diagnose(stated, simulate_world(world), plan=False)
+    constant = next(one for one in found.parameter_deviations if one.parameter == "K_t")
+    assert constant.outside
+    assert not constant.flagged
+    assert "F_v would be negative" in constant.note
+
+
 @pytest.mark.parametrize("seed", [2600251, slow(4200027), slow(4200038), slow(4200048), slow(4200201)])
 def test_no_winding_is_judged_by_voltages_in_step_with_a_held_reference(seed: int) -> None:
     """The flux linkage was off by 8 to 90 %: it was flagged, or a negative friction was said to speak against it."""

@@ -48,6 +48,12 @@ def test_a_wrong_flux_linkage_stays_one(seed: int) -> None:
     assert not codes(believed(psi_f=PSI / 1.25), logged(seed, 250.0, 0.0, 0.0))[1]  # 18 of 19 %: nobody can tell
 
 
+def test_a_design_without_a_tolerance_of_the_flux_linkage_has_the_usual_one() -> None:
+    """Without one any log with a thousandth off lost its voltages."""
+    assert codes(believed(tolerance={"J": 0.2}), drawn(1, rate=250.0)) == ([], True)
+    assert codes(believed(tolerance={"J": 0.2}), logged(1, 250.0, 0.4)) == (["voltages_in_step"], False)
+
+
 def test_a_sampling_that_is_stated_is_believed() -> None:
     stated = believed().replace(log={"sampling": "instant"})
     assert "voltages_in_step" not in codes(stated, logged(1, 250.0, 0.4))[0]
