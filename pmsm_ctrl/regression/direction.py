@@ -22,10 +22,11 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # Share of a log at most in which a direction that is not known is left out.
-MOST_UNKNOWN = 0.2
+MOST_UNKNOWN = 0.8
 BAND = 250.0  # Hz: of the torque at reversals
 REST = 0.004  # s: what is shorter is a reversal
 MOST_TAKEN = 0.5  # share of the acceleration's power at most that is taken for noise
+LEAST_BACK = 0.02  # share of its way that an axis goes back at least, where a load is another thing than friction
 FEWEST_MIXED = 4  # samples on either side of a reversal that smoothing mixes at least
 
 
@@ -84,9 +85,11 @@ def direction_of(
     reach = max(FEWEST_MIXED, round(prepared.rate / prefilter(prepared)))
     direction[long] = 0.0
     unknown = np.zeros(len(omega), dtype=bool)
+    ways = [float(np.maximum(side * omega[measured], 0.0).sum()) for side in (1.0, -1.0)]
+    both = min(ways) > LEAST_BACK * sum(ways)
     for _ in range(3):  # again with what the reversals say of the level
         used = free & ~unknown
-        columns = np.ones((int(used.sum()), 4))
+        columns = np.full((int(used.sum()), 4), float(both))
         for k, values in enumerate((prepared.alpha, direction, omega)):
             columns[:, k] = values[used]
         products, right = columns.T @ columns, columns.T @ driving[used]

@@ -18,6 +18,7 @@ __all__ = ["reversals", "timed_sign"]
 Array = NDArray[np.float64]
 
 LONGEST = 30  # times what the smoothing mixes: longer rests have no part in a reversal
+MOST_TURNS = 2  # in a row, close together: of more, nobody knows from two unknowns which way the shaft goes when
 LEVELS = (0.5, 2.5)  # friction at the reversal over its usual level
 CLOSE = 1e-8  # of the speed, and of the travel, by which the usual friction would change them in all that time
 ROUNDS = 20  # of either search at most; four are usual
@@ -67,7 +68,11 @@ def reversals(
     unknown = []
     for first, last in _events(omega, resting, reach):
         start, stop = first - reach, last + reach + 1
-        if start < 0 or stop > len(omega) or stop - start > longest:
+        if start < 0 or stop > len(omega):
+            continue
+        signs = np.sign(omega[first : last + 1])
+        if stop - start > longest or np.count_nonzero(signs[:-1] * signs[1:] < 0.0) > MOST_TURNS:
+            unknown.append(slice(start, stop))
             continue
         if turned(speed[start:stop], theta[start:stop], torque[start:stop], J, period, share):
             direction[start + 1 : stop - 1] = share[1 : stop - start - 1]
