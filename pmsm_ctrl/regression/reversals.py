@@ -8,9 +8,12 @@ torque, from the speed before it, which the kink does not affect, to the speed a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.kernels import inlined, kernel
 
 __all__ = ["reversals", "timed_sign"]
@@ -63,22 +66,45 @@ def reversals(
         Samples on either side that the smoothing of the speed mixes.
     """
     longest = reach * (2 + LONGEST)
-    speed, theta = ends
+    speed, theta = ends[0].copy(), ends[1]
     share = np.empty(longest)
     unknown = []
-    for first, last in _events(omega, resting, reach):
+    for first, last in _parts(omega, resting, reach, longest):
         start, stop = first - reach, last + reach + 1
         if start < 0 or stop > len(omega):
             continue
-        signs = np.sign(omega[first : last + 1])
-        if stop - start > longest or np.count_nonzero(signs[:-1] * signs[1:] < 0.0) > MOST_TURNS:
-            unknown.append(slice(start, stop))
-            continue
-        if turned(speed[start:stop], theta[start:stop], torque[start:stop], J, period, share):
+        moving = np.sign(omega[first : last + 1][~resting[first : last + 1]])
+        turns = np.count_nonzero(moving[:-1] != moving[1:])
+        told = stop - start <= longest and turns <= MOST_TURNS and not resting[stop - 1]
+        if resting[start]:
+            speed[start] = 0.0
+        if told and turned(speed[start:stop], theta[start:stop], torque[start:stop], J, period, share):
             direction[start + 1 : stop - 1] = share[1 : stop - start - 1]
-        elif omega[start] * omega[stop - 1] > 0.0:
+        elif not told or resting[start] or omega[start] * omega[stop - 1] > 0.0:
             unknown.append(slice(start, stop))
     return unknown
+
+
+def _parts(omega: Array, resting: NDArray[np.bool_], reach: int, longest: int) -> Iterator[tuple[int, int]]:
+    """Yield first and last sample of what is uncertain; of one that is too long what is beside its long rests.
+
+    How an axis stops without turning back needs no simulation: the friction opposes the motion until it balances the
+    drive.
+    """
+    for first, last in _events(omega, resting, reach):
+        if last - first + 1 + 2 * reach <= longest:
+            yield first, last
+            continue
+        begin, rested = first, False
+        rests = [piece for piece in stretches(resting[first : last + 1]) if piece.stop - piece.start > 4 * reach]
+        for stop in (*(first + rest.start for rest in rests), last + 1):
+            signs = np.sign(omega[begin:stop])
+            if np.any(signs[:-1] * signs[1:] < 0.0) or (rested and stop - begin < reach and stop <= last):
+                yield begin, stop - 1
+            elif rested:
+                yield begin, begin
+            rested = True
+            begin = next((first + rest.stop for rest in rests if first + rest.start == stop), stop)
 
 
 def _events(omega: Array, resting: NDArray[np.bool_], reach: int) -> list[tuple[int, int]]:
