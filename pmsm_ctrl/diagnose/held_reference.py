@@ -1,9 +1,10 @@
-"""A torque that was sampled in step with a held reference: the inertia and the winding that it shows."""
+"""A torque that was sampled in step with a held reference, or commanded: the inertia and the winding that it shows."""
 
 from __future__ import annotations
 
 import math
 
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.measures import machine_of
 from pmsm_ctrl.diagnose.policy import Policy
@@ -11,6 +12,8 @@ from pmsm_ctrl.regression.conditioning import default_cutoff
 from pmsm_ctrl.regression.timed_record import FRICTION
 
 __all__ = ["inertia_doubted", "negative_friction", "shows_in_inertia"]
+
+SLOWEST_LOOP = 2.0 * math.pi * 500.0  # rad/s: bandwidth of a current loop that the design does not state
 
 
 def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -> str:
@@ -20,6 +23,11 @@ def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -
     torque by J w alpha T, which fades to its mean until the next step. Where every sample stands at the same place of
     such a step, as where the log's period is T or a multiple of it, half of that is taken for inertia. The loop is
     taken to be as fast as the usual band.
+
+    A command is no torque. A current loop that does not compensate the back-emf lets the current fall behind by what
+    its integrator needs to follow the ramp of it: by K_t alpha / (1.5 K_i), where K_i is the integral gain of the
+    current controller, V/(A s). So the command shows K_t^2 / (1.5 K_i) of inertia that is none. Of an axis whose
+    voltages were logged the current is known.
 
     Parameters
     ----------
@@ -36,7 +44,27 @@ def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -
     in_step = math.pi * default_cutoff(record.prepared.rate) * record.period
     if not record.sampling_stated and abs(off) - tolerance <= in_step:
         return f"outside its tolerance, but a {record.drive} sampled in step with a held reference shows the same"
+    commanded = 0.0 if len(record.channels) > 1 else _behind(record.design) / record.design.J
+    if not record.sampling_stated and 0.0 < off - tolerance <= commanded:
+        return (
+            f"outside its tolerance, but a {record.drive} command shows the same where the current loop does not "
+            "compensate the back-emf"
+        )
     return ""
+
+
+def _behind(design: Design) -> float:
+    """Return the inertia, kg m^2 (kg), by which the command of a current loop without a term of the back-emf is off.
+
+    A loop that the design does not state cancels the pole of the winding.
+    """
+    if design.loops is not None:
+        integral = design.loops.current.K_p / design.loops.current.T_n
+    elif design.motor.R is not None:
+        integral = design.motor.R * SLOWEST_LOOP
+    else:
+        return 0.0
+    return design.K_t_assumed**2 / (1.5 * integral)
 
 
 def negative_friction(fit: Fitted, policy: Policy) -> str:

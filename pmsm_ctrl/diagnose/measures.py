@@ -202,6 +202,8 @@ def slight(fit: Fitted, trial: Trial) -> bool:
 def has_own_order(fit: Fitted, trial: Trial) -> bool:
     """Whether an effect is known by an order of a turn that no accepted effect has.
 
+    What is in proportion to the order of the currents, as an error of their sensors, has multiples of it by its square.
+
     Parameters
     ----------
     fit : Fitted
@@ -210,7 +212,11 @@ def has_own_order(fit: Fitted, trial: Trial) -> bool:
     effect, p = trial.candidate.effect, fit.record.design.motor.p or 0
     if not effect.order:
         return False
-    return all(round(trial.group.shape[effect.order]) != order_of(one, p) for one in fit.accepted)
+    order = round(trial.group.shape[effect.order])
+    return not any(
+        order == (known := order_of(one, p)) or (one.effect.electrical_order and known and order % known == 0)
+        for one in fit.accepted
+    )
 
 
 def amplitudes(fit: Fitted, number: int) -> dict[str, tuple[float, float]]:

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import held_reference
 from pmsm_ctrl.diagnose.held_reference import inertia_doubted, shows_in_inertia
 from pmsm_ctrl.diagnose.measures import Machine
 from pmsm_ctrl.diagnose.policy import POLICY
-from tests.unit.plausibility.drives import J, believed
+from tests.unit.plausibility.drives import K_T, J, R, believed
 
 
-def fit(rate: float = 1000.0, stated: bool = False) -> Any:
+def fit(
+    rate: float = 1000.0, stated: bool = False, channels: tuple[str, ...] = ("torque", "u_d", "u_q"),
+    design: Design | None = None,
+) -> Any:  # fmt: skip
     prepared = SimpleNamespace(rate=rate)
     record = SimpleNamespace(
-        sampling_stated=stated, prepared=prepared, period=1.0 / rate, drive="torque", design=believed()
-    )
+        sampling_stated=stated, prepared=prepared, period=1.0 / rate, drive="torque", design=design or believed(),
+        channels=channels,
+    )  # fmt: skip
     nothing = SimpleNamespace(held={})
     return SimpleNamespace(record=record, estimate=nothing, model=SimpleNamespace(names=()), plain=None)
 
@@ -28,6 +34,25 @@ def test_an_inertia_is_doubted_as_far_as_sampling_explains_it(off: float, doubte
     """Beyond a tolerance of 10 %: pi times 40 Hz times 1 ms are 12.6 %."""
     assert ("in step with a held reference" in inertia_doubted(fit(), off, 0.1, POLICY)) == doubted
     assert inertia_doubted(fit(stated=True), off, 0.1, POLICY) == ""
+
+
+@pytest.mark.parametrize(("share", "doubted"), [(0.9, True), (1.1, False), (-3.0, False)])
+@pytest.mark.parametrize("stated_loop", [True, False])
+def test_an_inertia_is_doubted_as_far_as_a_command_that_the_back_emf_lowers_explains_it(
+    share: float, doubted: bool, stated_loop: bool
+) -> None:
+    """A ramp of the back-emf, K_t / 1.5 times alpha, is what the integrator lets the current fall behind by."""
+    integral = 5e3 if stated_loop else 2.0 * math.pi * 500.0 * R
+    loops = {"current": {"K_p": 20.0, "T_n": 20.0 / integral}, "speed": {"K_p": 0.1, "T_n": 0.01}}
+    design = Design.from_dict(believed().to_dict() | {"loops": loops}) if stated_loop else believed()
+    commanded = K_T**2 / (1.5 * integral) / J
+    assert commanded == pytest.approx(0.0972 if stated_loop else 0.0773, abs=1e-4)
+    off = 0.1 + share * commanded
+    at = 4000.0  # Hz: in step with a held reference 3 % are explained
+    said = inertia_doubted(fit(at, channels=("torque",), design=design), off, 0.1, POLICY)
+    assert ("back-emf" in said) == doubted
+    assert inertia_doubted(fit(at, stated=True, channels=("torque",), design=design), off, 0.1, POLICY) == ""
+    assert inertia_doubted(fit(at, design=design), off, 0.1, POLICY) == ""
 
 
 @pytest.mark.parametrize(("value", "stated", "shown"), [

@@ -141,3 +141,54 @@ def test_what_moves_less_than_a_count_in_the_filters_memory_rests() -> None:
     inside = middle & (fine.t > 1.0) & (fine.t < 9.0)
     assert fine.mask[inside].all()
     assert not coarse.mask[inside].any()
+
+
+def test_a_shaft_starts_when_the_torque_exceeds_dry_friction_however_long_it_rested() -> None:
+    # the torque turns from 0.9 to -2.5 levels at 200 levels a second; it leaves at -1, after a rest of 3 s
+    rate, ramp = 1000.0, 200.0
+    t = np.arange(-4000, 401) / rate
+    torque = 0.9 - ramp * np.clip(t, 0.0, 3.4 / ramp)
+    away = np.maximum(t - 1.9 / ramp, 0.0)
+    held = np.minimum(away, 1.5 / ramp)
+    theta = -ramp / J * (held**3 / 6.0 + (away - held) * held**2 / 2.0 + held * (away - held) ** 2 / 2.0)
+    before = np.minimum(t + 3.0, 0.0)
+    theta -= 0.5 * 0.1 / J * before**2  # 0.9 of what drives it against 1 of friction: it stops at -3 s
+    friction = np.where(t < -3.0, 1.0, np.maximum(torque, -1.0))
+    resting = (t >= -3.0) & (t < 1.9 / ramp)
+    plain, through = turned(t, theta, torque, resting)
+    plain[resting] = through[resting] = friction[resting]
+    near = np.abs(t - 1.9 / ramp) < 0.05
+    assert np.sum(np.abs(through - friction)[near]) < 1.0
+    assert np.sum(np.abs(through - friction)[near]) < np.sum(np.abs(plain - friction)[near]) + 1e-9
+
+
+def test_of_many_turns_in_a_row_nobody_knows_which_way_the_shaft_goes() -> None:
+    # half a second of a vibration of 20 Hz between two moves: five turns a filter's memory
+    rate = 1000.0
+    t = np.arange(-1000, 1001) / rate
+    shakes = np.abs(t) < 0.25
+    omega = np.where(shakes, 0.2 * np.sin(2.0 * np.pi * 20.0 * (t - 3e-4)), np.sign(t) * (np.abs(t) - 0.25) * 50.0)
+    theta = np.cumsum(omega) / rate
+    rests = np.zeros(t.size, dtype=bool)
+    unknown = reversals(timed_sign(omega), rests, omega, (omega, theta), np.full(t.size, -0.5), J, 1e-3, 20)
+    covered = np.zeros(t.size, dtype=bool)
+    for piece in unknown:
+        covered[piece] = True
+    assert covered[np.abs(t) < 0.24].all()
+    assert not covered[np.abs(t) > 0.3].any()
+
+
+@pytest.mark.parametrize("load", [0.0, 0.2])
+def test_dry_friction_of_an_axis_that_runs_one_way_holds_its_load(load: float) -> None:
+    # moves of 1 s with rests of 1 s between them, at which a third of the friction holds the drive's torque
+    t = np.arange(0.0, 20.0, 1e-3)
+    phase = np.mod(t, 2.0)
+    ramp = np.interp(phase, [0.0, 0.1, 0.9, 1.0], [0.0, 1.0, 1.0, 0.0])
+    omega = np.where(phase < 1.0, 20.0 * (1.0 + 0.5 * np.floor(t / 2.0) / 10.0) * ramp, 0.0)
+    theta, alpha = np.cumsum(omega) * 1e-3, np.gradient(omega, t)
+    torque = 1e-3 * alpha + np.where(phase < 1.0, 0.3 + load, 0.1) + 1e-3 * omega
+    torque += 1e-3 * np.random.default_rng(1).standard_normal(t.size)
+    design = Design.from_dict({"name": "made", "motor": {"J": 1e-3, "K_t": 1.0}})
+    design = design.with_effect("coulomb", {"F_c": 0.3}).with_effect("viscous", {"F_v": 1e-3})
+    record = make_record(design, Log({"t": t, "theta": theta, "omega": omega, "torque": torque}))
+    assert record.dry == pytest.approx(0.3 + load, rel=0.02)
