@@ -20,7 +20,8 @@ __all__ = ["reversals", "timed_sign"]
 
 Array = NDArray[np.float64]
 
-LONGEST = 30  # times what the smoothing mixes: longer rests have no part in a reversal
+REST = 4  # times what the smoothing mixes: a shaft that does not move for longer rests
+LONGEST = 30  # times what the smoothing mixes: what goes on for longer is no reversal
 MOST_TURNS = 2  # in a row, close together: of more, nobody knows from two unknowns which way the shaft goes when
 LEVELS = (0.5, 2.5)  # friction at the reversal over its usual level
 CLOSE = 1e-8  # of the speed, and of the travel, by which the usual friction would change them in all that time
@@ -69,7 +70,7 @@ def reversals(
     speed, theta = ends[0].copy(), ends[1]
     share = np.empty(longest)
     unknown = []
-    for first, last in _parts(omega, resting, reach, longest):
+    for first, last in _parts(omega, resting, reach):
         start, stop = first - reach, last + reach + 1
         if start < 0 or stop > len(omega):
             continue
@@ -85,26 +86,23 @@ def reversals(
     return unknown
 
 
-def _parts(omega: Array, resting: NDArray[np.bool_], reach: int, longest: int) -> Iterator[tuple[int, int]]:
-    """Yield first and last sample of what is uncertain; of one that is too long what is beside its long rests.
+def _parts(omega: Array, resting: NDArray[np.bool_], reach: int) -> Iterator[tuple[int, int]]:
+    """Yield first and last sample of what is uncertain: reversals, and what is beside a rest that no filter bridges.
 
     How an axis stops without turning back needs no simulation: the friction opposes the motion until it balances the
     drive.
     """
     for first, last in _events(omega, resting, reach):
-        if last - first + 1 + 2 * reach <= longest:
-            yield first, last
-            continue
+        rests = [first + p.start for p in stretches(resting[first : last + 1]) if p.stop - p.start > REST * reach]
         begin, rested = first, False
-        rests = [piece for piece in stretches(resting[first : last + 1]) if piece.stop - piece.start > 4 * reach]
-        for stop in (*(first + rest.start for rest in rests), last + 1):
+        for stop in (*rests, last + 1):
             signs = np.sign(omega[begin:stop])
-            if np.any(signs[:-1] * signs[1:] < 0.0) or (rested and stop - begin < reach and stop <= last):
+            turns = np.any(signs[:-1] * signs[1:] < 0.0)
+            if turns or not rests or (rested and stop - begin < reach and stop <= last):
                 yield begin, stop - 1
             elif rested:
                 yield begin, begin
-            rested = True
-            begin = next((first + rest.stop for rest in rests if first + rest.start == stop), stop)
+            begin, rested = stop + int(np.argmin(np.append(resting[stop : last + 1], False))), True
 
 
 def _events(omega: Array, resting: NDArray[np.bool_], reach: int) -> list[tuple[int, int]]:
