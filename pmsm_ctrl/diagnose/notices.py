@@ -47,6 +47,7 @@ __all__ = [
     "SPEED_LAG",
     "TOO_SHORT",
     "TORQUE_CONSTANT",
+    "TURNS_TOO_OFTEN",
     "UNRELATED_TORQUE",
     "WIDER_BAND",
     "WINDING_IMPOSSIBLE",
@@ -221,6 +222,11 @@ LITTLE_KNOWN = Template(
 ABOVE_FLOOR = Template(
     "above_noise_floor",
     "the residual of the {balance} is {ratio:.2g} times its noise floor, with no significant dependence",
+)
+TURNS_TOO_OFTEN = Template(
+    "turns_too_often",
+    "in {percent:.0f} % of the samples the axis turns more than twice in a row, or rests in between, and nothing tells "
+    "its direction: they are left out, so that an effect that acts there alone is not detectable",
 )
 EDGES_ABOVE_FLOOR = Template(
     "edges_above_noise_floor",

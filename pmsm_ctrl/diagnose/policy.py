@@ -155,14 +155,15 @@ class Policy:
         A dry friction below zero contradicts the design if it is at least this share of the torque. A smaller one is
         held at zero: something else is missing. A convention.
     refused_share : float
-        Share of the residual's mean square that is too large to be passed over. Eight rules use it. A significant
+        Share of the residual's mean square that is too large to be passed over. Nine rules use it. A significant
         effect that was refused and explains this share forbids `consistent`. An effect that explains this share, and
         most of what the residual has above its noise floor, may be named however small it is. One with a memory that
         shows in half the usual band alone is named where it explains this share there. Where the noise floor is less
         than this share, all samples weighted alike, the log is not called consistent; one clean world in ten has such
-        edges. An order of a turn has to explain this share at other speeds than one, or its turns there leave a smaller
-        chance than it: of six false coggings one does. Where it is less than this share as
-        the fit weighs it, a residual of most of the torque contradicts the design. Set on: worlds.
+        edges. Nor where the axis turns back and forth in more than this share of the moving samples. An order of a turn
+        has to explain this share at other speeds than one, or its turns there leave a smaller chance than it: of six
+        false coggings one does. Where it is less than this share as the fit weighs it, a residual of most of the torque
+        contradicts the design. Set on: worlds.
     events : Search
         What counts as an event. Found: pushes, brakes and steps of 0.7 F_c in 14 worlds. False: one in 160 worlds
         without an event.

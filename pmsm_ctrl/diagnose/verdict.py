@@ -142,6 +142,8 @@ def open_questions(
             yield notices.ABOVE_FLOOR(balance=balance, ratio=level.left)
         elif row == 0 and (ratio := _at_edges(fit)) ** 2 * policy.refused_share > 1.0:
             yield notices.EDGES_ABOVE_FLOOR(balance=balance, ratio=ratio)
+    if fit.record.turning > policy.refused_share:
+        yield notices.TURNS_TOO_OFTEN(percent=100.0 * fit.record.turning)
     if not fit.record.timing.sure:
         yield DRIVE_LATE(quantity=fit.record.drive, delay=1e3 * fit.record.timing.delay)
     for deviation in deviations:

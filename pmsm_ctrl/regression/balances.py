@@ -125,6 +125,8 @@ class Record:
         Whether the design states when the drive signal was sampled.
     unseen : float
         Time in gaps of the log, s.
+    turning : float
+        Share of the moving samples, left out, in which the axis turns too often for its direction to be known.
     records : tuple of Span
         The records that it was joined from, where there are several.
     shifts : tuple of (float, float)
@@ -168,6 +170,7 @@ class Record:
     early: float = 0.0
     sampling_stated: bool = False
     unseen: float = 0.0
+    turning: float = 0.0
     records: tuple[Span, ...] = ()
     shifts: tuple[tuple[float, float], ...] = ()
     wrong: float = WRONG_TORQUE
@@ -392,9 +395,9 @@ def _made(
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
     unresolved = resolution * prepared.cutoff
     steps = errors_by_steps(prepared, finest, resolution) if finest > 0.0 else None
-    direction, sure, kink = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps, unresolved)
+    direction, sure, kink, turning = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps, unresolved)
     if int((sure & _edges(prepared))[prepared.keep].sum()) < FEWEST:  # no speed is left that the encoder resolves
-        direction, sure, kink = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps)
+        direction, sure, kink, turning = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps)
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
@@ -418,7 +421,7 @@ def _made(
         None if "theta" in log else age, "theta" in log, timing=timing, sampling=sampling, early=early,
         sampling_stated=drive_sampling(design, log).stated, unseen=time_in_gaps(log), records=log.records, wrong=wrong,
         edges=edges, step=resolution, weighing=weighing,
-        rough=rough_acceleration(resolution, given.rate, prepared.cutoff),
+        rough=rough_acceleration(resolution, given.rate, prepared.cutoff), turning=turning,
     )  # fmt: skip
 
 

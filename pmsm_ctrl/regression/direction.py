@@ -38,7 +38,7 @@ def direction_of(
     standstill: float,
     steps: StepErrors | None = None,
     unresolved: float = 0.0,
-) -> tuple[Array, Mask, tuple[float, float]]:
+) -> tuple[Array, Mask, tuple[float, float], float]:
     """Direction of motion; while the shaft rests, or nearly, the share of the dry friction that balances the drive.
 
     What bridges a hole in the log is not `measured`.
@@ -71,6 +71,8 @@ def direction_of(
         False where the shaft rests, where its direction is not known, and beside either.
     kink : (float, float)
         Level of the dry friction, N m (N), and the inertia.
+    unknown : float
+        Share of the moving samples whose direction is not known.
     """
     omega = prepared.signals["omega"]
     top = float(np.quantile(np.abs(omega[measured]), 0.99))
@@ -115,7 +117,8 @@ def direction_of(
     sure, dilate = ~long, round(prepared.rate / prepared.cutoff)
     for piece in stretches(long | unknown):
         sure[max(0, piece.start - dilate) : piece.stop + dilate] = False
-    return direction, sure, (max(level, 0.0), J)
+    share = float(np.mean(unknown[free])) if free.any() else 0.0
+    return direction, sure, (max(level, 0.0), J), share
 
 
 def _followed(prepared: Prepared, pushed: Array, J: float) -> tuple[Array, Array]:

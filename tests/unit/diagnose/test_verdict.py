@@ -43,7 +43,7 @@ def fit_of(
     record = SimpleNamespace(
         mask=np.ones(samples, dtype=bool), weight=np.ones((1, samples)), target=measured * row, channels=("torque",),
         cutoff=40.0, rate=200.0, drive="torque", noise_of=lambda values: 0.0, timing=DriveTiming(),
-        rough=rough,
+        rough=rough, turning=0.0,
     )  # fmt: skip
     nominal = np.array([PSI_F if name == "psi_f" else NOMINAL[name] for name in at])
     matrix = np.zeros((1, samples, len(nominal)))
@@ -161,6 +161,15 @@ def test_a_residual_of_edges_that_are_weighted_lightly_is_not_consistent(height:
     fit.residual[0, edges] *= height
     verdict, codes = verdict_of(fit)
     assert (verdict, codes) == (expected, ["edges_above_noise_floor"] if expected == "inconclusive" else [])
+
+
+@pytest.mark.parametrize(("share", "codes"), [(0.11, ["turns_too_often"]), (0.09, [])])
+def test_an_axis_that_turns_too_often_for_its_direction_to_be_known_leaves_the_question_open(
+    share: float, codes: list[str]
+) -> None:
+    fit = fit_of()
+    fit.record.turning = share
+    assert verdict_of(fit) == ("inconclusive" if codes else "consistent", codes)
 
 
 def test_a_drive_signal_that_may_be_filtered_or_late_leaves_the_question_open() -> None:
