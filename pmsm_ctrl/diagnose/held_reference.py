@@ -26,8 +26,7 @@ def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -
 
     A command is no torque. A current loop that does not compensate the back-emf lets the current fall behind by what
     its integrator needs to follow the ramp of it: by K_t alpha / (1.5 K_i), where K_i is the integral gain of the
-    current controller, V/(A s). So the command shows K_t^2 / (1.5 K_i) of inertia that is none. Of an axis whose
-    voltages were logged the current is known.
+    current controller, V/(A s). So the command shows K_t^2 / (1.5 K_i) of inertia that is none.
 
     Parameters
     ----------
@@ -44,7 +43,7 @@ def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -
     in_step = math.pi * default_cutoff(record.prepared.rate) * record.period
     if not record.sampling_stated and abs(off) - tolerance <= in_step:
         return f"outside its tolerance, but a {record.drive} sampled in step with a held reference shows the same"
-    commanded = 0.0 if len(record.channels) > 1 else _behind(record.design) / record.design.J
+    commanded = _behind(record.design) / record.design.J
     if not record.sampling_stated and 0.0 < off - tolerance <= commanded:
         return (
             f"outside its tolerance, but a {record.drive} command shows the same where the current loop does not "

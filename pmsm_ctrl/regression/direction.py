@@ -21,8 +21,8 @@ __all__ = ["acting_torques", "direction_of"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Share of a log at most in which a direction that is not known is left out.
-MOST_UNKNOWN = 0.8
+# Share of a log at most that is left out where the shaft stops and goes on as before, and where it turns many times.
+MOST_UNKNOWN, MOST_SHAKEN = 0.2, 0.8
 BAND = 250.0  # Hz: of the torque at reversals
 REST = 0.004  # s: what is shorter is a reversal
 MOST_TAKEN = 0.5  # share of the acceleration's power at most that is taken for noise
@@ -109,10 +109,13 @@ def direction_of(
         period = 1.0 / prepared.rate
         ends = _followed(prepared, pushed, J / level)
         unknown[:] = False
-        for piece in reversals(direction, long, omega, ends, pushed, J / level, period, reach):
-            unknown[piece] = True
-        if np.mean(unknown & ~long) > MOST_UNKNOWN:  # noise turns the shaft, or its speed, everywhere
-            unknown[:] = False
+        found = reversals(direction, long, omega, ends, pushed, J / level, period, reach)
+        for pieces, most in zip(found, (MOST_UNKNOWN, MOST_SHAKEN), strict=True):
+            some = np.zeros(len(omega), dtype=bool)
+            for piece in pieces:
+                some[piece] = True
+            if np.mean(some & ~long) <= most:  # else noise turns the shaft, or its speed, everywhere
+                unknown |= some
         direction[unknown] = balanced[unknown]
     sure, dilate = ~long, round(prepared.rate / prepared.cutoff)
     for piece in stretches(long | unknown):

@@ -42,10 +42,11 @@ def timed_sign(omega: Array) -> Array:
 def reversals(
     direction: Array, resting: NDArray[np.bool_], omega: Array, ends: tuple[Array, Array], torque: Array, J: float,
     period: float, reach: int,
-) -> list[slice]:  # fmt: skip
+) -> tuple[list[slice], list[slice]]:  # fmt: skip
     """Overwrite `direction` around every reversal by what a shaft with dry friction would do there.
 
-    Returns the stretches in which the shaft stops, or nearly, and goes on as before: its direction is not known there.
+    Returns the stretches in which the shaft stops, or nearly, and goes on as before, and those in which it turns many
+    times in a row: its direction is not known in either.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ def reversals(
     longest = reach * (2 + LONGEST)
     speed, theta = ends[0].copy(), ends[1]
     share = np.empty(longest)
-    unknown = []
+    unknown, shaken = [], []
     for first, last in _parts(omega, resting, reach):
         start, stop = first - reach, last + reach + 1
         if start < 0 or stop > len(omega):
@@ -81,9 +82,11 @@ def reversals(
             speed[start] = 0.0
         if told and turned(speed[start:stop], theta[start:stop], torque[start:stop], J, period, share):
             direction[start + 1 : stop - 1] = share[1 : stop - start - 1]
-        elif not told or resting[start] or omega[start] * omega[stop - 1] > 0.0:
+        elif not told:
+            shaken.append(slice(start, stop))
+        elif resting[start] or omega[start] * omega[stop - 1] > 0.0:
             unknown.append(slice(start, stop))
-    return unknown
+    return unknown, shaken
 
 
 def _parts(omega: Array, resting: NDArray[np.bool_], reach: int) -> Iterator[tuple[int, int]]:

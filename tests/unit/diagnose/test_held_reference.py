@@ -16,15 +16,11 @@ from pmsm_ctrl.diagnose.policy import POLICY
 from tests.unit.plausibility.drives import K_T, J, R, believed
 
 
-def fit(
-    rate: float = 1000.0, stated: bool = False, channels: tuple[str, ...] = ("torque", "u_d", "u_q"),
-    design: Design | None = None,
-) -> Any:  # fmt: skip
+def fit(rate: float = 1000.0, stated: bool = False, design: Design | None = None) -> Any:
     prepared = SimpleNamespace(rate=rate)
     record = SimpleNamespace(
-        sampling_stated=stated, prepared=prepared, period=1.0 / rate, drive="torque", design=design or believed(),
-        channels=channels,
-    )  # fmt: skip
+        sampling_stated=stated, prepared=prepared, period=1.0 / rate, drive="torque", design=design or believed()
+    )
     nothing = SimpleNamespace(held={})
     return SimpleNamespace(record=record, estimate=nothing, model=SimpleNamespace(names=()), plain=None)
 
@@ -49,10 +45,9 @@ def test_an_inertia_is_doubted_as_far_as_a_command_that_the_back_emf_lowers_expl
     assert commanded == pytest.approx(0.0972 if stated_loop else 0.0773, abs=1e-4)
     off = 0.1 + share * commanded
     at = 4000.0  # Hz: in step with a held reference 3 % are explained
-    said = inertia_doubted(fit(at, channels=("torque",), design=design), off, 0.1, POLICY)
+    said = inertia_doubted(fit(at, design=design), off, 0.1, POLICY)
     assert ("back-emf" in said) == doubted
-    assert inertia_doubted(fit(at, stated=True, channels=("torque",), design=design), off, 0.1, POLICY) == ""
-    assert inertia_doubted(fit(at, design=design), off, 0.1, POLICY) == ""
+    assert inertia_doubted(fit(at, stated=True, design=design), off, 0.1, POLICY) == ""
 
 
 @pytest.mark.parametrize(("value", "stated", "shown"), [

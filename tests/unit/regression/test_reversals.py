@@ -116,9 +116,10 @@ def test_a_shaft_that_stops_and_goes_on_has_no_direction_there() -> None:
     omega = derivative(theta, 1.0 / rate)
     assert np.count_nonzero(np.diff(np.sign(omega))) > 1
     direction = timed_sign(omega)
-    unknown = reversals(
+    found = reversals(
         direction, np.zeros(t.size, dtype=bool), omega, (omega, theta), np.full(t.size, -0.5), J, 1e-3, 10
     )
+    unknown = [piece for pieces in found for piece in pieces]
     assert len(unknown) == 1
     assert t[unknown[0].start] < 0.0
     assert t[unknown[0].stop - 1] > 0.06
@@ -170,7 +171,7 @@ def test_of_many_turns_in_a_row_nobody_knows_which_way_the_shaft_goes() -> None:
     omega = np.where(shakes, 0.2 * np.sin(2.0 * np.pi * 20.0 * (t - 3e-4)), np.sign(t) * (np.abs(t) - 0.25) * 50.0)
     theta = np.cumsum(omega) / rate
     rests = np.zeros(t.size, dtype=bool)
-    unknown = reversals(timed_sign(omega), rests, omega, (omega, theta), np.full(t.size, -0.5), J, 1e-3, 20)
+    _, unknown = reversals(timed_sign(omega), rests, omega, (omega, theta), np.full(t.size, -0.5), J, 1e-3, 20)
     covered = np.zeros(t.size, dtype=bool)
     for piece in unknown:
         covered[piece] = True
