@@ -58,7 +58,8 @@ class Policy:
         effect without a memory the share of the prewhitened residual, or of the residual at the frequencies at which it
         acts, is enough. Of 128 right names in 144 worlds three have less, of nine false ones two. A parameter outside
         its tolerance is flagged where it explains as much where it acts: of 60 flags on wrong designs 54 stay by that,
-        of twelve on right ones six. Set on: worlds.
+        of twelve on right ones six. An effect with a memory is not judged where the axis turns too
+        often for its direction in this share of the moving samples. Set on: worlds.
     excess : float
         Smallest share that is worth an answer. Where an effect explains less than that of the residual at the
         frequencies at which it acts, its share of the prewhitened residual does not count: three torque saturations

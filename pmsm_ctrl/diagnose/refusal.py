@@ -28,6 +28,7 @@ class Reason(StrEnum):
     ONE_WAY = "one_way"
     ONE_SPEED = "one_speed"
     IN_PASSING = "in_passing"
+    TURNS_TOO_OFTEN = "turns_too_often"
     BALANCE_WORSE = "balance_worse"
     ERROR_NOT_LOWERED = "error_not_lowered"
     MODEL_OUT_OF_BOUNDS = "model_out_of_bounds"
@@ -70,6 +71,8 @@ WORDS: Mapping[Reason, str] = {
     "a wave over time; runs at two slow speeds would tell",
     Reason.IN_PASSING: "seen to {percent:.0f} % where the axis starts, stops or reverses too fast for the band: not "
     "distinguishable from presliding or a rest that is too short to see; slower reversals would tell",
+    Reason.TURNS_TOO_OFTEN: "not judged: it acts at reversals, and in {percent:.0f} % of the samples the axis turns "
+    "too often for its direction to be known",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",

@@ -31,6 +31,9 @@ def where_seen(before: Fitted, after: Fitted, policy: Policy) -> Refusal | None:
     policy : Policy
     """
     last, record = after.accepted[-1], after.record
+    structure = last.effect.structure
+    if structure.has_memory and not structure.delays and record.turning >= policy.above_floor:
+        return Refusal(Reason.TURNS_TOO_OFTEN, {"percent": 100.0 * record.turning})
     if last.effect.both_ways and (refusal := _one_way(after, policy)) is not None:
         return refusal
     if before.residual[0].shape != after.residual[0].shape:

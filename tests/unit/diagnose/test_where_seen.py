@@ -19,7 +19,7 @@ RATE = 100.0  # Hz of the grid
 
 def fits(
     effect: str, speeds: list[float], falls: list[float], seconds: float, linear: bool = False,
-    alpha: float = 0.0, shape: Mapping[str, float] = MappingProxyType({}),
+    alpha: float = 0.0, shape: Mapping[str, float] = MappingProxyType({}), turning: float = 0.0,
 ) -> tuple[Any, Any]:  # fmt: skip
     """Return two fits of stretches at these speeds; the effect explains this share of the residual in each."""
     n = round(seconds * RATE)
@@ -27,6 +27,7 @@ def fits(
     left = np.random.default_rng(4).normal(size=omega.size)
     record = SimpleNamespace(
         mask=np.ones(omega.size), weight=np.ones((1, omega.size)), rate=RATE, cutoff=40.0, linear=linear,
+        turning=turning,
         signals={"omega": omega, "alpha": np.where(omega > 0.0, 0.0, alpha)}, at_grid=lambda values: values,
     )  # fmt: skip
     before = SimpleNamespace(record=record, residual=left[None])
@@ -81,3 +82,10 @@ def test_a_load_and_a_bristle_take_an_axis_that_goes_back(effect: str, back: flo
     assert refused(effect, [10.0, -back], [0.4, 0.4], 2.0) is reason
     assert refused(effect, [-10.0, back], [0.4, 0.4], 2.0) is reason
     assert refused("stribeck", [10.0, -back], [0.4, 0.4], 2.0) is None
+
+
+@pytest.mark.parametrize("effect", ["backlash", "presliding", "compliance", "cogging", "delay", "stribeck"])
+@pytest.mark.parametrize("turning", [0.49, 0.51])
+def test_what_acts_at_reversals_is_not_judged_where_most_of_them_are_left_out(effect: str, turning: float) -> None:
+    found = refused(effect, [1.0, -1.0, 3.0], [0.4, 0.4, 0.4], 20.0, turning=turning)
+    assert (found is Reason.TURNS_TOO_OFTEN) == (turning > 0.5 and effect in ("backlash", "presliding", "compliance"))
