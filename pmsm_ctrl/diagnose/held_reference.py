@@ -13,7 +13,7 @@ from pmsm_ctrl.regression.timed_record import FRICTION
 
 __all__ = ["inertia_doubted", "negative_friction", "shows_in_inertia"]
 
-SLOWEST_LOOP = 2.0 * math.pi * 500.0  # rad/s: bandwidth of a current loop that the design does not state
+USUAL_LOOP = 2.0 * math.pi * 500.0  # rad/s: bandwidth of a current loop that the design does not state
 
 
 def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -> str:
@@ -60,7 +60,7 @@ def _behind(design: Design) -> float:
     if design.loops is not None:
         integral = design.loops.current.K_p / design.loops.current.T_n
     elif design.motor.R is not None:
-        integral = design.motor.R * SLOWEST_LOOP
+        integral = design.motor.R * USUAL_LOOP
     else:
         return 0.0
     return design.K_t_assumed**2 / (1.5 * integral)

@@ -202,7 +202,7 @@ def slight(fit: Fitted, trial: Trial) -> bool:
 def has_own_order(fit: Fitted, trial: Trial) -> bool:
     """Whether an effect is known by an order of a turn that no accepted effect has.
 
-    What is in proportion to the order of the currents, as an error of their sensors, has multiples of it by its square.
+    An error of a current sensor has multiples of its order as well, by its square: they are not their own.
 
     Parameters
     ----------

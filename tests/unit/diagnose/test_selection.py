@@ -410,7 +410,7 @@ def test_a_winding_fifteen_tolerances_off_is_unexplained(R: float, stderr: float
 # ---- orders that an accepted effect has --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("order", "own"), [(12.0, True), (38.0, False), (24.0, False)])
+@pytest.mark.parametrize(("order", "own"), [(12.0, True), (38.0, False), (24.0, False), (48.0, True), (76.0, False)])
 def test_a_wave_of_the_order_of_an_accepted_effect_is_what_that_effect_leaves(order: float, own: bool) -> None:
     catalogue = catalogue_of(Design.example("seed_motor"))
     accepted = tuple(
