@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
+from pmsm_ctrl.regression.direction import share_back
 
 __all__ = ["where_seen"]
 
@@ -58,9 +59,7 @@ def _one_way(after: Fitted, policy: Policy) -> Refusal | None:
 
     What little it goes back it goes at its stops, and how far a bristle is bent at rest nobody knows.
     """
-    speed = after.record.at_grid(after.record.signals["omega"])
-    ways = [float(np.maximum(side * speed, 0.0).sum()) for side in (1.0, -1.0)]
-    back = min(ways) / max(sum(ways), 1e-300)
+    back = share_back(after.record.at_grid(after.record.signals["omega"]))
     return Refusal(Reason.ONE_WAY, {"percent": 100.0 * back}) if back < policy.own_share else None
 
 

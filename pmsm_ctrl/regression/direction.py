@@ -16,7 +16,7 @@ from pmsm_ctrl.regression.reversals import reversals, timed_sign
 from pmsm_ctrl.regression.signals import logged_torque
 from pmsm_ctrl.regression.weights import on_grid, prefilter
 
-__all__ = ["acting_torques", "direction_of"]
+__all__ = ["acting_torques", "direction_of", "share_back"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -87,8 +87,7 @@ def direction_of(
     reach = max(FEWEST_MIXED, round(prepared.rate / prefilter(prepared)))
     direction[long] = 0.0
     unknown = np.zeros(len(omega), dtype=bool)
-    ways = [float(np.maximum(side * omega[measured], 0.0).sum()) for side in (1.0, -1.0)]
-    both = min(ways) > LEAST_BACK * sum(ways)
+    both = share_back(omega[measured]) > LEAST_BACK
     for _ in range(3):  # again with what the reversals say of the level
         used = free & ~unknown
         columns = np.full((int(used.sum()), 4), float(both))
@@ -122,6 +121,18 @@ def direction_of(
         sure[max(0, piece.start - dilate) : piece.stop + dilate] = False
     share = float(np.mean(unknown[free])) if free.any() else 0.0
     return direction, sure, (max(level, 0.0), J), share
+
+
+def share_back(speed: Array) -> float:
+    """Return the smaller one of the two ways that an axis goes, as a share of both.
+
+    Parameters
+    ----------
+    speed : array, shape (n,)
+        At equal intervals.
+    """
+    ways = [float(np.maximum(side * speed, 0.0).sum()) for side in (1.0, -1.0)]
+    return min(ways) / max(sum(ways), 1e-300)
 
 
 def _followed(prepared: Prepared, pushed: Array, J: float) -> tuple[Array, Array]:
