@@ -80,7 +80,11 @@ def reversals(
         told = stop - start <= longest and turns <= MOST_TURNS and not resting[stop - 1]
         if resting[start]:
             speed[start] = 0.0
-        if told and turned(speed[start:stop], theta[start:stop], torque[start:stop], J, period, share):
+        if resting[start] and turns == 0:
+            found = told and left_rest(speed[stop - 1], torque[start:stop], J, period, share)
+        else:
+            found = told and turned(speed[start:stop], theta[start:stop], torque[start:stop], J, period, share)
+        if found:
             direction[start + 1 : stop - 1] = share[1 : stop - start - 1]
         elif not told:
             shaken.append(slice(start, stop))
@@ -150,6 +154,29 @@ def turned(omega: Array, theta: Array, torque: Array, J: float, period: float, s
 
 
 @kernel
+def left_rest(end: float, torque: Array, J: float, period: float, share: Array) -> bool:
+    """Fill `share` for one start from rest to the speed `end`; False when no dry friction lets the shaft leave like that.
+
+    One unknown is solved for, the friction at which the shaft leaves: in one direction a missing torque is the same.
+    At rest friction balances the measured torque, whatever its level.
+    """
+    low, high = LEVELS
+    way = 1.0 if end > 0.0 else -1.0
+    level, tried, error = 1.0, np.nan, np.nan
+    for _ in range(ROUNDS):
+        last, _travelled = through(0.0, torque, 0.0, level, 1.0, J, period, share)
+        error, before = way * (last - end), error
+        if abs(error) < CLOSE * (torque.size - 1) * period / J:
+            return True
+        if error > 0.0:
+            low = level
+        else:
+            high = level
+        tried, level = level, _between(low, high, level - error * (level - tried) / (error - before))
+    return high - low < 1e-3 and LEVELS[0] < low and high < LEVELS[1]
+
+
+@kernel
 def _balanced(
     omega: Array, torque: Array, missing: float, level: float, J: float, period: float, share: Array
 ) -> tuple[float, float]:
@@ -158,7 +185,7 @@ def _balanced(
     tried = error = np.nan
     travelled = 0.0
     for _ in range(ROUNDS):
-        last, travelled = through(omega[0], torque, missing, level, J, period, share)
+        last, travelled = through(omega[0], torque, missing, level, level, J, period, share)
         error, before = last - omega[-1], error
         if abs(error) < CLOSE * (torque.size - 1) * period / J:
             break
@@ -178,15 +205,14 @@ def _between(low: float, high: float, guess: float) -> float:
 
 @kernel
 def through(
-    speed: float, torque: Array, missing: float, level: float, J: float, period: float, share: Array
+    speed: float, torque: Array, missing: float, level: float, at_rest: float, J: float, period: float, share: Array
 ) -> tuple[float, float]:
     """Follow a reversal; return the last speed and the travel, and in `share` the friction around every sample.
 
     Exact for a torque that is straight between samples: from each stop or start of the shaft to the next one. At rest,
-    dry friction balances the torque up to its level.
+    dry friction balances the torque up to its level. There its share is that of the level `at_rest`.
     """
     push, rate, travel = 1.0 / J, 1.0 / period, 0.0
-    weight = rate / level
     share[: torque.size] = 0.0
     for n in range(2 * (torque.size - 1)):  # half samples: each counts for the nearest sample
         first, second = torque[n // 2], torque[n // 2 + 1]
@@ -198,7 +224,7 @@ def through(
                 bound = level if slope > 0.0 else -level
                 stays = abs(driven + slope * left) <= level
                 time = left if stays else (bound - driven) / slope
-                balanced += (driven + 0.5 * slope * time) * time
+                balanced += (driven + 0.5 * slope * time) * time / at_rest
                 driven = bound  # where the shaft leaves
             else:
                 friction = level if speed > 0.0 or (speed == 0.0 and driven > 0.0) else -level
@@ -206,12 +232,12 @@ def through(
                 time, end = left, speed + (start + 0.5 * push * slope * left) * left
                 if speed * end <= 0.0 or speed * (speed + 0.5 * start * left) <= 0.0:  # a parabola's control points
                     time = min(left, _stop(speed, start, push * slope))
-                balanced += friction * time
+                balanced += friction * time / level
                 travel += (speed + (0.5 * start + push * slope * time / 6.0) * time) * time
                 speed = end if time == left else 0.0
                 driven += slope * time
             left -= time
-        share[(n + 1) // 2] += balanced * weight
+        share[(n + 1) // 2] += balanced * rate
     return speed, travel
 
 

@@ -82,7 +82,7 @@ def test_at_rest_friction_balances_the_torque() -> None:
 def test_a_push_that_moves_a_resting_shaft_within_a_sample_lets_it_stop_again() -> None:
     # 1.2 levels at first, none a sample later: it stops after a third of the sample, and friction balances the torque
     share, moves = np.empty(2), 2.0 * 0.2 / 1200.0
-    speed, travel = through(0.0, np.array([1.2, 0.0]), 0.0, 1.0, J, 1e-3, share)
+    speed, travel = through(0.0, np.array([1.2, 0.0]), 0.0, 1.0, 1.0, J, 1e-3, share)
     assert (speed, travel) == (0.0, pytest.approx(0.2 * moves**2 / 6.0 / J, rel=1e-12))
     assert share == pytest.approx([1.0 / 3.0 + 0.7 / 6.0, 0.15], rel=1e-12)
 
