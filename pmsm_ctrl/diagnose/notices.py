@@ -133,6 +133,7 @@ class Doubt(StrEnum):
     EDGES = "edges"
     LITTLE_WEIGHT = "little_weight"
     SMALL = "small"
+    AS_WELL = "as_well"
 
 
 WHY: Mapping[Doubt | None, str] = {
@@ -143,6 +144,7 @@ WHY: Mapping[Doubt | None, str] = {
     "reversals",
     Doubt.LITTLE_WEIGHT: "what is there weighs less than what is left elsewhere, since the torque around reversals is "
     "hardly known",
+    Doubt.AS_WELL: "an effect of the catalogue explains it, but the log does not tell that effect from something else",
     Doubt.SMALL: "it is less than {percent:.1g} % of the balance, as errors of any model are",
 }
 
@@ -221,7 +223,7 @@ LITTLE_KNOWN = Template(
 )
 ABOVE_FLOOR = Template(
     "above_noise_floor",
-    "the residual of the {balance} is {ratio:.2g} times its noise floor, with no significant dependence",
+    "the residual of the {balance} is {ratio:.2g} times its noise floor",
 )
 TURNS_TOO_OFTEN = Template(
     "turns_too_often",

@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 RESEMBLING = (Reason.NOT_CONFIRMED, Reason.MINOR)  # refusals of an effect that something missing can resemble
+# Refusals of an effect that a log does not tell from something else.
+AS_WELL = (Reason.LIKE_RIPPLE, Reason.ONE_WAY, Reason.ONE_SPEED, Reason.IN_PASSING)
 FEWEST_SAMPLES = 100  # of a balance that is judged
 FEWEST = 4  # samples whose mean is drawn, and reversals that can repeat each other
 HALF = 0.5  # of the samples around a reversal have to take part
@@ -55,26 +57,30 @@ def unexplained(selection: Selection, policy: Policy = POLICY) -> Structure | No
     policy : Policy
     """
     fit = selection.fit
-    found = dependence(fit, policy) or resemblance(selection, policy)
+    found = dependence(selection, policy) or resemblance(selection, policy)
     return found or impossible_winding(fit, policy) or slow_torque(fit, policy) or single_wave(fit, policy)
 
 
-def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
+def dependence(selection: Selection, policy: Policy = POLICY) -> Structure | None:
     """Return the coordinate that the residual depends on most; None when it depends on none.
 
     An error of the drive signal at the edges of the torque is a curve over the acceleration, the current or the speed
-    of a motion that repeats itself. A dependence that is gone `beside_path` is an open question.
+    of a motion that repeats itself. A dependence that is gone `beside_path` is an open question, and so is one that a
+    refused effect explains, which the log does not tell from something else.
 
     Parameters
     ----------
-    fit : Fitted
+    selection : Selection
     policy : Policy
     """
+    fit = selection.fit
     found = _strongest(fit, policy)
     if found is None:
         return None
     (one, name), record = found, fit.record
-    doubt = Doubt.DRIVE_PATH if _strongest(beside_path(fit), policy) is None else None
+    doubt = Doubt.AS_WELL if _explained_as_well(selection, policy) else None
+    if doubt is None and _strongest(beside_path(fit), policy) is None:
+        doubt = Doubt.DRIVE_PATH
     coordinate = coordinate_words(one)
     notice = notices.DEPENDENCE(
         percent=100.0 * one.added, balance=_balance(record, name), coordinate=coordinate,
@@ -83,6 +89,15 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     )  # fmt: skip
     curve = (one.x, one.forward, one.backward)
     return Structure(coordinate, one.unit, name, one.added, one.p_value, curve, notice, confirmed=doubt is None)
+
+
+def _explained_as_well(selection: Selection, policy: Policy) -> bool:
+    """Whether most of the residual is an effect of the catalogue, which the log does not tell from something else."""
+    refused = ((trial, selection.refused.get(name_of(trial))) for trial in selection.fit.trials)
+    return any(
+        refusal is not None and refusal.reason in AS_WELL and _share(selection.fit, trial) > policy.left_inside
+        for trial, refusal in refused
+    )
 
 
 def beside_path(fit: Fitted) -> Fitted:

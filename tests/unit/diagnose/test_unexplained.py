@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.diagnose import unexplained
 from pmsm_ctrl.diagnose.notices import Doubt, why
 from pmsm_ctrl.diagnose.policy import POLICY
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from tests.benchmarks.worlds.hidden import simulate_world
 from tests.benchmarks.worlds.world import draw
 
@@ -143,24 +144,36 @@ def test_reversals_that_share_samples_count_once() -> None:
     assert unexplained._apart(t, np.arange(6, dtype=np.intp), 0.15).tolist() == [0, 3, 5]
 
 
-@pytest.mark.parametrize("explained", [False, True])
-def test_a_dependence_that_is_gone_beside_the_path_is_an_open_question(
-    monkeypatch: pytest.MonkeyPatch, explained: bool
+@pytest.mark.parametrize(
+    ("explained", "reason", "share", "doubt"),
+    [
+        (False, None, 0.0, None),
+        (True, None, 0.0, Doubt.DRIVE_PATH),
+        (False, Reason.LIKE_RIPPLE, 0.98, Doubt.AS_WELL),
+        (False, Reason.LIKE_RIPPLE, 0.3, None),
+        (False, Reason.NOT_CONFIRMED, 0.98, None),
+    ],
+)
+def test_a_dependence_that_something_else_explains_as_well_is_an_open_question(
+    monkeypatch: pytest.MonkeyPatch, explained: bool, reason: Reason | None, share: float, doubt: Doubt | None
 ) -> None:
     record = SimpleNamespace(unit=lambda name: "N m", drive="torque")
     one = SimpleNamespace(
         coordinate="direction", unit="", added=0.3, p_value=1e-9, peak=0.2, x=np.zeros(1), forward=np.zeros(1),
         backward=np.zeros(1), orders=(),
     )  # fmt: skip
-    first, beside = SimpleNamespace(record=record), SimpleNamespace(record=record)
+    first, beside = SimpleNamespace(record=record, trials=("drag",)), SimpleNamespace(record=record)
     monkeypatch.setattr(unexplained, "beside_path", lambda fit: beside)
     monkeypatch.setattr(
         unexplained, "_strongest", lambda fit, policy: None if fit is beside and explained else (one, "torque")
     )
-    found = unexplained.dependence(first)  # type: ignore[arg-type]
+    monkeypatch.setattr(unexplained, "name_of", str)
+    monkeypatch.setattr(unexplained, "_share", lambda fit, trial: share)
+    refused = {} if reason is None else {"drag": Refusal(reason)}
+    found = unexplained.dependence(SimpleNamespace(fit=first, refused=refused))  # type: ignore[arg-type]
     assert found is not None
-    assert found.confirmed is not explained
-    assert found.notice.text.endswith(why(Doubt.DRIVE_PATH if explained else None))
+    assert found.confirmed is (doubt is None)
+    assert found.notice.text.endswith(why(doubt))
 
 
 def test_the_mean_of_a_command_over_twenty_periods_is_no_missing_effect() -> None:
