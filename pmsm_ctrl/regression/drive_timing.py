@@ -23,6 +23,7 @@ __all__ = [
     "AGE",
     "CURRENT_LOOP",
     "EMF",
+    "EMF_FILTERED",
     "EMF_LATE",
     "LATENESS",
     "SPEED_SPREAD",
@@ -45,7 +46,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 # Names of the nuisance parameters of the drive signal's sampling.
-LATENESS, SPREAD, EMF = "tau_drive", "spread_drive", "tau_emf"
+LATENESS, SPREAD, EMF, EMF_FILTERED = "tau_drive", "spread_drive", "tau_emf", "tau_emf_filtered"
 AGE, SPEED_SPREAD = "tau_speed", "spread_speed"  # of a speed without a position
 EMF_LATE = 5e-3  # s, by which the compensation of the back-emf lags: a speed filter
 # What is sampled with the current, and so as late as that.
@@ -165,14 +166,14 @@ def sampling_columns(torque: Array, period: float, late: float) -> dict[str, Arr
     return {LATENESS: -slope, SPREAD: curved}
 
 
-def emf_left(design: Design, alpha: Array, period: float, stated: bool = False) -> Array | None:
+def emf_left(design: Design, alpha: Array, period: float, stated: bool = False) -> tuple[Array, Array] | None:
     """Torque error of a command by the back-emf that the current loop does not reject, per second of late compensation.
 
-    With its zero on the winding's pole the loop responds to a disturbance ``u`` by ``s u / ((L s + R) (s + w))``, and
-    the compensation misses ``p psi tau s omega`` of the emf. A logged command is what the drive asked for; a measured
-    current holds nothing of this, and the parameter comes out as zero. Derived from the winding's equation
-    ``L di/dt + R i = u - p psi omega`` with a PI controller. None where the winding is not known, or a sampling that
-    the design states excludes a command.
+    With its zero on the winding's pole the loop responds to a disturbance ``u`` by ``s u / ((L s + R) (s + w))``. The
+    compensation misses ``p psi tau s omega`` of the emf where its speed is late by tau, and
+    ``p psi tau s omega / (tau s + 1)`` where a filter smoothed that speed. A logged command is what the drive asked
+    for; a measured current holds nothing of this, and the parameters come out as zero. Derived from the winding's
+    equation ``L di/dt + R i = u - p psi omega`` with a PI controller.
 
     Parameters
     ----------
@@ -183,6 +184,12 @@ def emf_left(design: Design, alpha: Array, period: float, stated: bool = False) 
         s.
     stated : bool
         Whether the sampling is known, and the signal no command.
+
+    Returns
+    -------
+    late, filtered : array, shape (n,)
+        N m/s, by a speed that is late and by one that was filtered with `EMF_LATE`: filters of other times lie between
+        the two. None where the winding is not known, or a sampling that the design states excludes a command.
     """
     from scipy.signal import lfilter
 
@@ -191,7 +198,9 @@ def emf_left(design: Design, alpha: Array, period: float, stated: bool = False) 
         return None
     decay = math.exp(-period * motor.R / motor.L_q)
     lagged = np.asarray(lfilter([1.0 - decay], [1.0, -decay], derivative(alpha, period)))
-    return design.K_t_assumed * motor.p * motor.psi_f * CURRENT_LOOP / motor.R * lagged
+    late = design.K_t_assumed * motor.p * motor.psi_f * CURRENT_LOOP / motor.R * lagged
+    smooth = math.exp(-period / EMF_LATE)
+    return late, np.asarray(lfilter([1.0 - smooth], [1.0, -smooth], late))
 
 
 def stated_timing(stated: Sampled, period: float) -> DriveTiming:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.evidence.blocks import block_sums, no_smaller_than_by_blocks
 from pmsm_ctrl.evidence.linalg import in_blocks, triangle
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, SPREAD
+from pmsm_ctrl.regression.drive_timing import EMF, EMF_FILTERED, LATENESS, SPREAD
 from pmsm_ctrl.regression.model import Model
 from pmsm_ctrl.regression.two_stage import HeldResponse
 
@@ -34,7 +34,7 @@ __all__ = ["ReferenceEstimates", "by_reference"]
 Array = NDArray[np.float64]
 
 # Columns that hold noise of the motion.
-NOISY = ("J", LATENESS, SPREAD, EMF)
+NOISY = ("J", LATENESS, SPREAD, EMF, EMF_FILTERED)
 FOUND = ("J", LATENESS, SPREAD)
 # Samples of the thinned grid by which the reference is shifted: 2.5 in a period of the cutoff. A loop of 8 Hz and more
 # has settled within the last one.

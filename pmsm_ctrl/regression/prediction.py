@@ -21,7 +21,7 @@ from pmsm_ctrl.regression.base_fit import (
     with_bristles,
 )
 from pmsm_ctrl.regression.bounds import holding
-from pmsm_ctrl.regression.drive_timing import AGE, EMF, LATENESS, DriveTiming
+from pmsm_ctrl.regression.drive_timing import AGE, EMF, EMF_FILTERED, LATENESS, DriveTiming
 from pmsm_ctrl.regression.lateness import stopped
 from pmsm_ctrl.regression.model import TURNING, Model, Solved
 from pmsm_ctrl.regression.modelled import with_modelled_torque
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 # The parameters that a design states without an effect.
 STATED = ("J", "R", "L_d", "L_q", "psi_f")
 # Times with a prior that says what is possible; the delay of the drive signal has bounds of its own.
-TIMES = (AGE, EMF, TURNING)
+TIMES = (AGE, EMF, EMF_FILTERED, TURNING)
 SURE = 3.0  # standard deviations of the prior
 # Share of the sum of squares that a lateness at its bound leaves at most where the drive signal is late: 23 to 28 % in
 # a log that is a period late, 77 % where the design lacks a cogging.

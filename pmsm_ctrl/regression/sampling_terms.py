@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import (
     AGE,
+    CURRENT_LOOP,
     EMF,
+    EMF_FILTERED,
     EMF_LATE,
     LATENESS,
     SPEED_SPREAD,
@@ -83,14 +85,17 @@ def sampling_terms(record: Record, settled: bool) -> Iterator[Term]:
     yield Term(LATENESS, lambda: {"torque": -record.slope_behind(torque)}, 0.0, VAGUE * record.sampling, True)
     if record.late is not None:
         curved = record.rate_of(record.rate_of(torque))
-        known = max(record.sampling, record.timing.lag) ** 2 / 6.0
+        loop = 0.0 if record.sampling_stated else CURRENT_LOOP  # a command is as far from the torque
+        known = max(record.sampling, record.timing.lag, loop) ** 2 / 6.0
         yield Term(SPREAD, lambda: {"torque": curved}, 0.0, known if settled else np.inf, True)
-    if (column := _emf_left(record)) is not None:
-        yield Term(EMF, lambda: {"torque": column}, 0.0, EMF_LATE, True)
+    if (columns := _emf_left(record)) is not None:
+        late, filtered = columns
+        yield Term(EMF, lambda: {"torque": late}, 0.0, EMF_LATE, True)
+        yield Term(EMF_FILTERED, lambda: {"torque": filtered}, 0.0, EMF_LATE, True)
 
 
-def _emf_left(record: Record) -> Array | None:
+def _emf_left(record: Record) -> tuple[Array, Array] | None:
     if (key := ("emf",)) not in record.kept:
         record.kept[key] = emf_left(record.design, record.signals["alpha"], record.period, record.sampling_stated)
-    column: Array | None = record.kept[key]
-    return column
+    columns: tuple[Array, Array] | None = record.kept[key]
+    return columns
