@@ -239,8 +239,10 @@ def base_groups(
     """
     terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
     timing = list(sampling_terms(record, settled) if record.age is None else speed_terms(record, record.age, settled))
+    of_torque = [term for term in timing if term.modelled]
+    measured = [*terms, *(term for term in timing if not term.modelled)]
     # what follows from a modelled torque is filtered already
-    columns = _columns_of(record, terms) | _columns_of(record, timing, record.late is not None)
+    columns = _columns_of(record, measured) | _columns_of(record, of_torque, record.late is not None)
     groups = [Group(None, (term.name,), columns[term.name], {}) for term in terms]
     misread = record.age is None  # an old speed says when the torque acts, and nothing wrong of the torque
     groups += [Group(None, (term.name,), columns[term.name], {}, sampling=misread) for term in timing]

@@ -90,8 +90,8 @@ def sampling_terms(record: Record, settled: bool) -> Iterator[Term]:
         yield Term(SPREAD, lambda: {"torque": curved}, 0.0, known if settled else np.inf, True)
     if (columns := _emf_left(record)) is not None:
         late, filtered = columns
-        yield Term(EMF, lambda: {"torque": late}, 0.0, EMF_LATE, True)
-        yield Term(EMF_FILTERED, lambda: {"torque": filtered}, 0.0, EMF_LATE, True)
+        yield Term(EMF, lambda: {"torque": late}, 0.0, EMF_LATE)
+        yield Term(EMF_FILTERED, lambda: {"torque": filtered}, 0.0, EMF_LATE)
 
 
 def _emf_left(record: Record) -> tuple[Array, Array] | None:
