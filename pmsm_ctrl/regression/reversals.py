@@ -78,16 +78,17 @@ def reversals(
         moving = np.sign(omega[first : last + 1][~resting[first : last + 1]])
         turns = np.count_nonzero(moving[:-1] != moving[1:])
         told = stop - start <= longest and turns <= MOST_TURNS and not resting[stop - 1]
-        if resting[start]:
-            speed[start] = 0.0
-        if resting[start] and turns == 0:
-            found = told and left_rest(speed[stop - 1], torque[start:stop], J, period, share)
+        if not told:
+            shaken.append(slice(start, stop))
+            continue
+        driven = torque[start:stop]
+        if resting[start] and not turns:
+            found = left_rest(speed[stop - 1], driven, J, period, share)
         else:
-            found = told and turned(speed[start:stop], theta[start:stop], torque[start:stop], J, period, share)
+            speed[start] *= not resting[start]
+            found = turned(speed[start:stop], theta[start:stop], driven, J, period, share)
         if found:
             direction[start + 1 : stop - 1] = share[1 : stop - start - 1]
-        elif not told:
-            shaken.append(slice(start, stop))
         elif resting[start] or omega[start] * omega[stop - 1] > 0.0:
             unknown.append(slice(start, stop))
     return unknown, shaken
@@ -155,7 +156,7 @@ def turned(omega: Array, theta: Array, torque: Array, J: float, period: float, s
 
 @kernel
 def left_rest(end: float, torque: Array, J: float, period: float, share: Array) -> bool:
-    """Fill `share` for one start from rest to the speed `end`; False when no dry friction lets the shaft leave like that.
+    """Fill `share` for one start from rest to the speed `end`; False when no dry friction lets the shaft leave so.
 
     One unknown is solved for, the friction at which the shaft leaves: in one direction a missing torque is the same.
     At rest friction balances the measured torque, whatever its level.
