@@ -123,6 +123,8 @@ class Record:
         Largest possible lead, s: a torque or current may be the command, which a current loop follows later.
     sampling_stated : bool
         Whether the design states when the drive signal was sampled.
+    commanded : bool
+        Whether the drive signal is a command, by what the design states or the log shows.
     unseen : float
         Time in gaps of the log, s.
     turning : float
@@ -169,6 +171,7 @@ class Record:
     sampling: float = 0.0
     early: float = 0.0
     sampling_stated: bool = False
+    commanded: bool = False
     unseen: float = 0.0
     turning: float = 0.0
     records: tuple[Span, ...] = ()
@@ -419,8 +422,9 @@ def _made(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
         np.array(levels), kink[0], (*few, *_too_long(given, log), *notes),
         None if "theta" in log else age, "theta" in log, timing=timing, sampling=sampling, early=early,
-        sampling_stated=drive_sampling(design, log).stated, unseen=time_in_gaps(log), records=log.records, wrong=wrong,
-        edges=edges, step=resolution, weighing=weighing,
+        sampling_stated=drive_sampling(design, log).stated,
+        commanded=drive_sampling(design, log).sampling == "command", unseen=time_in_gaps(log), records=log.records,
+        wrong=wrong, edges=edges, step=resolution, weighing=weighing,
         rough=rough_acceleration(resolution, given.rate, prepared.cutoff), turning=turning,
     )  # fmt: skip
 

@@ -25,6 +25,7 @@ __all__ = [
     "EMF",
     "EMF_FILTERED",
     "EMF_LATE",
+    "FASTEST_LOOP",
     "LATENESS",
     "SPEED_SPREAD",
     "SPREAD",
@@ -61,6 +62,7 @@ STATED_WITHIN = 0.05
 # Period of the speed loop of a drive of which nothing is known, and what a current loop lags its command at most, s:
 # one of 160 Hz and more.
 UNKNOWN_LOOP, CURRENT_LOOP = 1e-3, 1e-3
+FASTEST_LOOP = 1e-4  # s, by which a current loop lags its command at least: one of 1.6 kHz
 
 
 @dataclass(frozen=True)
@@ -166,13 +168,13 @@ def sampling_columns(torque: Array, period: float, late: float) -> dict[str, Arr
     return {LATENESS: -slope, SPREAD: curved}
 
 
-def emf_left(design: Design, alpha: Array, period: float, stated: bool = False) -> tuple[Array, Array] | None:
+def emf_left(design: Design, alpha: Array, period: float) -> tuple[Array, Array] | None:
     """Torque error of a command by the back-emf that the current loop does not reject, per second of late compensation.
 
     With its zero on the winding's pole the loop responds to a disturbance ``u`` by ``s u / ((L s + R) (s + w))``. The
     compensation misses ``p psi tau s omega`` of the emf where its speed is late by tau, and
     ``p psi tau s omega / (tau s + 1)`` where a filter smoothed that speed. A logged command is what the drive asked
-    for; a measured current holds nothing of this, and the parameters come out as zero. Derived from the winding's
+    for; a measured current holds nothing of this. Derived from the winding's
     equation ``L di/dt + R i = u - p psi omega`` with a PI controller.
 
     Parameters
@@ -182,19 +184,17 @@ def emf_left(design: Design, alpha: Array, period: float, stated: bool = False) 
         Acceleration.
     period : float
         s.
-    stated : bool
-        Whether the sampling is known, and the signal no command.
 
     Returns
     -------
     late, filtered : array, shape (n,)
         N m/s, by a speed that is late and by one that was filtered with `EMF_LATE`: filters of other times lie between
-        the two. None where the winding is not known, or a sampling that the design states excludes a command.
+        the two. None where the winding is not known.
     """
     from scipy.signal import lfilter
 
     motor = design.motor
-    if stated or not motor.electrical or motor.R is None or motor.L_q is None or motor.psi_f is None or motor.p is None:
+    if not motor.electrical or motor.R is None or motor.L_q is None or motor.psi_f is None or motor.p is None:
         return None
     decay = math.exp(-period * motor.R / motor.L_q)
     lagged = np.asarray(lfilter([1.0 - decay], [1.0, -decay], derivative(alpha, period)))

@@ -74,6 +74,7 @@ def sampling_terms(record: Record, settled: bool) -> Iterator[Term]:
     """How the drive signal was sampled, beside the position; see `drive_timing`.
 
     Its mean delay, and half the variance of its impulse response; the latter has no prior until the timing is settled.
+    A command is as far from the torque as the current loop is slow, and by what that lets through of the back-emf.
 
     Parameters
     ----------
@@ -85,10 +86,10 @@ def sampling_terms(record: Record, settled: bool) -> Iterator[Term]:
     yield Term(LATENESS, lambda: {"torque": -record.slope_behind(torque)}, 0.0, VAGUE * record.sampling, True)
     if record.late is not None:
         curved = record.rate_of(record.rate_of(torque))
-        loop = 0.0 if record.sampling_stated else CURRENT_LOOP  # a command is as far from the torque
+        loop = CURRENT_LOOP if record.commanded else 0.0
         known = max(record.sampling, record.timing.lag, loop) ** 2 / 6.0
         yield Term(SPREAD, lambda: {"torque": curved}, 0.0, known if settled else np.inf, True)
-    if (columns := _emf_left(record)) is not None:
+    if record.commanded and (columns := _emf_left(record)) is not None:
         late, filtered = columns
         yield Term(EMF, lambda: {"torque": late}, 0.0, EMF_LATE)
         yield Term(EMF_FILTERED, lambda: {"torque": filtered}, 0.0, EMF_LATE)
@@ -96,6 +97,6 @@ def sampling_terms(record: Record, settled: bool) -> Iterator[Term]:
 
 def _emf_left(record: Record) -> tuple[Array, Array] | None:
     if (key := ("emf",)) not in record.kept:
-        record.kept[key] = emf_left(record.design, record.signals["alpha"], record.period, record.sampling_stated)
+        record.kept[key] = emf_left(record.design, record.signals["alpha"], record.period)
     columns: tuple[Array, Array] | None = record.kept[key]
     return columns

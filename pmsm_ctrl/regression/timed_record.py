@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,10 @@ from pmsm_ctrl.regression.base_fit import Estimated, base_fit, settled_model
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.drive_timing import (
     AGE,
+    EMF,
+    EMF_FILTERED,
+    EMF_LATE,
+    FASTEST_LOOP,
     LATENESS,
     SPEED_SPREAD,
     SPREAD,
@@ -107,7 +112,8 @@ def timed_record(design: Design, log: Log, made: Made | None = None, band: float
     made = made or Made(log)
     timed, fit = _timed(design, made, band)
     record = timed if band else _widened(design, made, timed, fit)
-    record, fit = _weighed(design, record, fit if record is timed else base_fit(design, record))
+    record, fit = _as_command(design, record, fit if record is timed else base_fit(design, record))
+    record, fit = _weighed(design, record, fit)
     assert record.weighing is not None
     sure = steep(record.weighing.edges(record.wrong))
     record = replace(_with_edges_said(record), weighing=None)  # it holds the log
@@ -238,6 +244,27 @@ def _left(record: Record, fit: Estimated) -> float:
     return float(np.linalg.norm(left)) / max(float(np.linalg.norm(record.target[0] * weight)), 1e-300)
 
 
+def _as_command(design: Design, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
+    """Return the record as that of a command where it shows itself as one, and its fit.
+
+    A command exceeds the current where the compensation of the back-emf is late, by no more than a speed filter. Either
+    that lowers the error by as much as any filter has to, or the signal is early as well, by a current loop. Of what is
+    measured neither holds: there the terms of a command would stand in for springs, bristles and delays.
+    """
+    if record.age is not None or record.sampling_stated or record.commanded:
+        return record, fit
+    tried = _otherwise(record, commanded=True)
+    found = base_fit(design, tried)
+    if EMF not in found.model.names:
+        return record, fit
+    value, stderr = found.value(LATENESS)
+    early = -record.timing.delay - value
+    if not 0.0 < found.level(EMF) + found.level(EMF_FILTERED) < EMF_LATE:
+        return record, fit
+    shown = early > max(FASTEST_LOOP, SURE * stderr) or _left(tried, found) < LOWERED * _left(record, fit)
+    return (tried, found) if shown else (record, fit)
+
+
 def of_one_axis(design: Design, record: Record, made: Made | None = None) -> Record:
     """Weigh several records by their noise, and bring their angles to one zero.
 
@@ -287,8 +314,13 @@ def _with_edges(design: Design, record: Record) -> tuple[Record, Estimated]:
 def _reweighed(record: Record, wrong: float, share: float) -> Record:
     assert record.weighing is not None
     weight, mask = record.weighing.weights(wrong, share)
+    return _otherwise(record, weight=weight, mask=mask, wrong=wrong, edges=share)
+
+
+def _otherwise(record: Record, **changes: Any) -> Record:
+    """Return the record with changes that the columns of its fits hang on."""
     kept = {key: value for key, value in record.kept.items() if key[0] in ALWAYS}
-    return replace(record, weight=weight, mask=mask, wrong=wrong, edges=share, memo={}, kept=kept)
+    return replace(record, memo={}, kept=kept, **changes)
 
 
 def _with_edges_said(record: Record) -> Record:
