@@ -22,7 +22,7 @@ from pmsm_ctrl.regression.drive_timing import AGE, LATENESS, Sampling
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
 from pmsm_ctrl.regression.model import FIXED
-from pmsm_ctrl.regression.timed_record import timed_record
+from pmsm_ctrl.regression.timed_record import as_possible_command, timed_record
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Based", "based", "plain_terms"]
@@ -90,7 +90,7 @@ def based(design: Design, log: Log) -> Based:
     LogError
         When a channel is missing or the axis hardly moves.
     """
-    timed = timed_record(design, log)
+    timed = as_possible_command(timed_record(design, log))
     found = settled_model(design, timed)
     problem = _problem(design, found)
     weight = found.record.weight[0]

@@ -49,7 +49,7 @@ from pmsm_ctrl.regression.sampling_terms import FILTERED
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
 
-__all__ = ["FRICTION", "of_one_axis", "sampling_of", "timed_record", "with_friction"]
+__all__ = ["FRICTION", "as_possible_command", "of_one_axis", "sampling_of", "timed_record", "with_friction"]
 
 Array = NDArray[np.float64]
 
@@ -263,6 +263,19 @@ def _as_command(design: Design, record: Record, fit: Estimated) -> tuple[Record,
         return record, fit
     shown = early > max(FASTEST_LOOP, SURE * stderr) or _left(tried, found) < LOWERED * _left(record, fit)
     return (tried, found) if shown else (record, fit)
+
+
+def as_possible_command(record: Record) -> Record:
+    """Return the record with the terms of a command unless the design states another sampling.
+
+    In a diagnosis they would stand in for effects. The standard errors of an identification hold what a command that
+    does not show itself may shift the parameters by.
+
+    Parameters
+    ----------
+    record : Record
+    """
+    return record if record.sampling_stated or record.commanded else _otherwise(record, commanded=True)
 
 
 def of_one_axis(design: Design, record: Record, made: Made | None = None) -> Record:

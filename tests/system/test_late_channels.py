@@ -23,7 +23,7 @@ needs_gcc = pytest.mark.skipif(gcc() is None, reason="GCC ABSENT: the fourth sim
     ("seed", "delay"),
     [
         (2001438, 2.0e-3),  # a speed alone: a filter makes it late, never early
-        pytest.param(2001318, 6.5e-3, marks=[pytest.mark.slow, TOO_SMALL]),
+        slow(2001318, 6.5e-3),
         slow(2001618, 16.5e-3),
         slow(2001798, 4.625e-3),
         slow(2001538, 3.5e-3),  # a slow motion: nowhere does the torque change faster than its noise
