@@ -458,7 +458,8 @@ def condition(
         held_out = doubts_about(design, holdout)
         same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, holdout.rate / 8.0))
         other = make_record(design, held_out.log, same, record.age_elsewhere, record.timing)
-        others.append(replace(other, records=(), weighing=None))  # whatever it is made of, nothing is fitted to it
+        # whatever it is made of, nothing is fitted to it
+        others.append(replace(other, records=(), weighing=None, commanded=record.commanded))
         remarks += map(of_holdout, held_out.notices)
     names = tuple(name_of_log(one, number) for number, one in enumerate(holdouts, start=1))
     again = partial(condition, design, log, holdouts, offered, policy, made)

@@ -27,6 +27,7 @@ __all__ = [
     "EMF_LATE",
     "FASTEST_LOOP",
     "LATENESS",
+    "LONGEST_FILTER",
     "SPEED_SPREAD",
     "SPREAD",
     "STATED_WITHIN",
@@ -49,7 +50,8 @@ Array = NDArray[np.float64]
 # Names of the nuisance parameters of the drive signal's sampling.
 LATENESS, SPREAD, EMF, EMF_FILTERED = "tau_drive", "spread_drive", "tau_emf", "tau_emf_filtered"
 AGE, SPEED_SPREAD = "tau_speed", "spread_speed"  # of a speed without a position
-EMF_LATE = 5e-3  # s, by which the compensation of the back-emf lags: a speed filter
+# By which the compensation of the back-emf lags, s: a speed filter; and the longest one that two columns describe.
+EMF_LATE, LONGEST_FILTER = 5e-3, 8e-3
 # What is sampled with the current, and so as late as that.
 DRIVE = ("torque", "i_q", "i_d")
 OTHERS = ("theta", "omega", "u_d", "u_q")

@@ -29,11 +29,14 @@ class Made:
         By how they were made; None where none is kept.
     zeros : list of (float, float)
         What is added to the angle of each of several records, and its standard error, rad; empty as long as nothing is.
+    commanded : list of bool
+        Whether the drive signal showed itself as a command in the usual band; empty as long as nobody looked.
     """
 
     log: Log
     records: Memo | None = field(default=None, repr=False)
     zeros: list[tuple[float, float]] = field(default_factory=list)
+    commanded: list[bool] = field(default_factory=list)
 
     @classmethod
     def kept(cls, log: Log) -> Made:

@@ -24,6 +24,7 @@ from pmsm_ctrl.regression.drive_timing import (
     EMF_LATE,
     FASTEST_LOOP,
     LATENESS,
+    LONGEST_FILTER,
     SPEED_SPREAD,
     SPREAD,
     STATED_WITHIN,
@@ -112,7 +113,12 @@ def timed_record(design: Design, log: Log, made: Made | None = None, band: float
     made = made or Made(log)
     timed, fit = _timed(design, made, band)
     record = timed if band else _widened(design, made, timed, fit)
-    record, fit = _as_command(design, record, fit if record is timed else base_fit(design, record))
+    fit = fit if record is timed else base_fit(design, record)
+    if band and made.commanded:  # that does not hang on the band in which it shows
+        record, fit = _commanded(design, record) if made.commanded[0] and _may_be_command(record) else (record, fit)
+    else:
+        record, fit = _as_command(design, record, fit)
+        made.commanded[:] = [record.commanded]
     record, fit = _weighed(design, record, fit)
     assert record.weighing is not None
     sure = steep(record.weighing.edges(record.wrong))
@@ -247,22 +253,29 @@ def _left(record: Record, fit: Estimated) -> float:
 def _as_command(design: Design, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
     """Return the record as that of a command where it shows itself as one, and its fit.
 
-    A command exceeds the current where the compensation of the back-emf is late, by no more than a speed filter. Either
-    that lowers the error by as much as any filter has to, or the signal is early as well, by a current loop. Of what is
-    measured neither holds: there the terms of a command would stand in for springs, bristles and delays.
+    A command exceeds the current where the compensation of the back-emf is late, by no more than a speed filter, and by
+    one that the terms can describe. Either that lowers the error by as much as any filter has to, or the signal is
+    early as well, by a current loop. Of what is measured neither holds: there the terms of a command would stand in for
+    springs, gaps and delays.
     """
-    if record.age is not None or record.sampling_stated or record.commanded:
+    if not _may_be_command(record):
         return record, fit
-    tried = _otherwise(record, commanded=True)
-    found = base_fit(design, tried)
+    tried, found = _commanded(design, record)
     if EMF not in found.model.names:
         return record, fit
     value, stderr = found.value(LATENESS)
     early = -record.timing.delay - value
-    if not 0.0 < found.level(EMF) + found.level(EMF_FILTERED) < EMF_LATE:
+    filtered, error = found.value(EMF_FILTERED)
+    late = found.level(EMF) + filtered
+    if not (0.0 < late < EMF_LATE and filtered > -SURE * error and EMF_LATE * filtered < LONGEST_FILTER * late):
         return record, fit
     shown = early > max(FASTEST_LOOP, SURE * stderr) or _left(tried, found) < LOWERED * _left(record, fit)
     return (tried, found) if shown else (record, fit)
+
+
+def _commanded(design: Design, record: Record) -> tuple[Record, Estimated]:
+    tried = _otherwise(record, commanded=True)
+    return tried, base_fit(design, tried)
 
 
 def as_possible_command(record: Record) -> Record:
@@ -275,7 +288,11 @@ def as_possible_command(record: Record) -> Record:
     ----------
     record : Record
     """
-    return record if record.sampling_stated or record.commanded else _otherwise(record, commanded=True)
+    return _otherwise(record, commanded=True) if _may_be_command(record) else record
+
+
+def _may_be_command(record: Record) -> bool:
+    return record.age is None and not (record.sampling_stated or record.commanded)
 
 
 def of_one_axis(design: Design, record: Record, made: Made | None = None) -> Record:

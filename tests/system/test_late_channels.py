@@ -12,9 +12,6 @@ from tests.benchmarks.fourth.cases import build
 from tests.benchmarks.fourth.recorder import write
 from tests.effort import slow
 
-# 5.0 ms where the samples at starts that no dry friction explains were in the fit, 4.3 ms without them; what is left is
-# taken for a filter of the torque.
-TOO_SMALL = pytest.mark.xfail(strict=True, reason="a delay of 3 log periods is told a third too small")
 needs_gcc = pytest.mark.skipif(gcc() is None, reason="GCC ABSENT: the fourth simulator cannot be compiled")
 
 

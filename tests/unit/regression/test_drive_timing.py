@@ -356,14 +356,14 @@ def test_beside_a_stated_sampling_half_a_period_is_a_delay(seed: int) -> None:
     assert diagnose(stating(sampling="instant", late=0.5 * PERIOD), log, plan=False).steps == ()
 
 
-def test_a_stated_sampling_leaves_no_back_emf_in_the_current(project_root: Path) -> None:
+def test_a_stated_command_alone_holds_the_back_emf(project_root: Path) -> None:
     design = Design.read(project_root / "designs" / "seed_motor.toml")
     log = simulate(design, "identification", seed=1)
     names = [
         base_groups(one, make_record(one, log))[0].names
-        for one in (design, design.model_copy(update={"log": LogMap(sampling="instant")}))
+        for one in (design.model_copy(update={"log": LogMap(sampling=how)}) for how in ("command", "instant", "mean"))
     ]
-    assert ["tau_emf" in found for found in names] == [True, False]
+    assert ["tau_emf" in found for found in names] == [True, False, False]
 
 
 @pytest.mark.parametrize("frequency", [3.0, 20.0])

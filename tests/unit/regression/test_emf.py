@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import control
@@ -61,7 +62,7 @@ def test_a_filtered_speed_leaves_what_the_two_columns_span(design: Design, loop:
 
 def test_the_columns_are_of_the_band_where_the_torque_is_modelled(design: Design) -> None:
     # what follows from the modelled torque is filtered already, and what follows from the measured motion is not
-    record = make_record(design, simulate(design, "identification", seed=1))
+    record = replace(make_record(design, simulate(design, "identification", seed=1)), commanded=True)
     columns = emf_left(design, record.signals["alpha"], record.period)
     assert columns is not None
     modelled = with_modelled_torque(record, record.target[0])
