@@ -9,6 +9,7 @@ import pytest
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.adding import added
+from pmsm_ctrl.diagnose.result import DiagnosisStep
 from tests.benchmarks.worlds.hidden import hidden_log, simulate_world
 from tests.benchmarks.worlds.world import draw
 from tests.effort import slow
@@ -71,14 +72,24 @@ def test_a_delay_at_its_bound_does_not_answer_to_a_candidate() -> None:
 @pytest.mark.slow
 def test_a_wave_above_the_band_is_named_in_a_band_that_holds_it() -> None:
     """It was called a Stribeck friction, from what the band holds of it where the axis starts and stops."""
+    step = wave_above_the_band()
+    assert (step.effect, step.parameters["order"].value) == ("cogging", 72.0)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True, reason="12 % too large: at half the bandwidth of the current loop the terms of the back-emf are wrong"
+)
+def test_the_amplitude_of_a_wave_above_the_band_in_a_command() -> None:
+    found = {name: one.value for name, one in wave_above_the_band().parameters.items()}
+    assert math.hypot(found["a_s"], found["a_c"]) == pytest.approx(0.1916737, rel=0.1)
+
+
+def wave_above_the_band() -> DiagnosisStep:
     world = draw(1050184)  # margin 4.8
     log = simulate_world(world, {"wave": 0.1916737, "wave_order": 72.0, "wave_phase": 4.836555})
     (step,) = diagnose(world.design, log, plan=False).steps
-    assert step.effect == "cogging"
-    found = {name: one.value for name, one in step.parameters.items()}
-    assert found["order"] == 72.0
-    # of a command, which exceeds the torque by what the current loop takes from a wave so fast
-    assert 0.9 < math.hypot(found["a_s"], found["a_c"]) / 0.1916737 < 1.15
+    return step
 
 
 def test_an_effect_that_explains_a_minor_part_is_named_where_half_the_band_shows_nothing_else() -> None:
