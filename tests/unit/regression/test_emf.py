@@ -11,11 +11,17 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, simulate
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
-from pmsm_ctrl.regression.drive_timing import emf_left
+from pmsm_ctrl.regression.base_fit import base_fit
+from pmsm_ctrl.regression.drive_timing import CURRENT_LOOP, emf_left
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.model import base_groups
 from pmsm_ctrl.regression.modelled import with_modelled_torque
+from pmsm_ctrl.regression.timed_record import timed_record, with_friction
+from tests.benchmarks.worlds.hidden import simulate_world
+from tests.benchmarks.worlds.world import draw
+from tests.effort import seeds
 
 RATE, BAND = 4000.0, 40.0
 
@@ -69,3 +75,26 @@ def test_the_columns_are_of_the_band_where_the_torque_is_modelled(design: Design
     model = base_groups(design, modelled)[0]
     for name, column in zip(("tau_emf", "tau_emf_filtered"), columns, strict=True):
         assert model.matrix[0][:, model.names.index(name)] == pytest.approx(record.shaped(column), abs=1e-9)
+
+
+@pytest.mark.parametrize("motion", ["identification", "sweep"])
+@pytest.mark.parametrize("seed", seeds(1, 2))
+def test_what_is_measured_is_no_command(design: Design, motion: str, seed: int) -> None:
+    log = simulate(design, motion, seed=seed)
+    kept = {name: log[name] for name in ("t", "theta", "omega")}
+    late = np.interp(log.t - 3e-3, log.t, log["i_q"])
+    for values in (log["i_q"], late):
+        assert not timed_record(design, Log({**kept, "i_q": values})).commanded
+
+
+@pytest.mark.parametrize("seed", seeds(4800586, 5200508))
+def test_a_command_shows_itself(seed: int) -> None:
+    """Of a speed filter of 6.4 and 1.0 ms; both were a gap to the diagnosis, and the second had an emf of a tenth."""
+    world = draw(seed)
+    record = timed_record(world.design, simulate_world(world))
+    assert record.commanded
+    found = base_fit(with_friction(world.design), record)
+    w = world.loops[0] / world.motor[2]  # bandwidth of the current loop, rad/s
+    late = world.loops[5] + world.divider / world.f_control  # its filter, a difference quotient, and a hold
+    total = found.level("tau_emf") + found.level("tau_emf_filtered")
+    assert total == pytest.approx(late / (w * CURRENT_LOOP), rel=0.25)
