@@ -9,6 +9,7 @@ __all__ = [
     "CHANNEL_LEFT_OUT",
     "COARSE_ANGLE",
     "DEAD_VOLTAGES",
+    "DRIVE_COMMANDED",
     "DRIVE_FILTERED",
     "DRIVE_LATE",
     "ENCODER_LINES",
@@ -51,6 +52,11 @@ ENCODER_LINES = Template(
     "encoder_lines",
     "the angle has an error of {lines} periods a turn and {amplitude:.2g} rad, the interpolation error of an encoder "
     "with so many lines: it is part of the model",
+)
+DRIVE_COMMANDED = Template(
+    "drive_signal_command",
+    "the {quantity} looks like the command of a current loop: at changes of the acceleration it exceeds what acts, by "
+    "what the loop lets through of the back-emf (part of the model); if it is one, state sampling = 'command' in [log]",
 )
 DRIVE_FILTERED = Template(
     "drive_signal_filtered",

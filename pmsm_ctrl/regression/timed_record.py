@@ -45,7 +45,14 @@ from pmsm_ctrl.regression.filter_profile import LOWERED, by_profile
 from pmsm_ctrl.regression.instruments import by_reference
 from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.model import FIXED, MOST_NOISE, noise_share
-from pmsm_ctrl.regression.notices import DRIVE_FILTERED, DRIVE_LATE, ENCODER_LINES, SHOWN_MS, TORQUE_EDGES
+from pmsm_ctrl.regression.notices import (
+    DRIVE_COMMANDED,
+    DRIVE_FILTERED,
+    DRIVE_LATE,
+    ENCODER_LINES,
+    SHOWN_MS,
+    TORQUE_EDGES,
+)
 from pmsm_ctrl.regression.sampling_terms import FILTERED
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
@@ -274,7 +281,8 @@ def _as_command(design: Design, record: Record, fit: Estimated) -> tuple[Record,
 
 
 def _commanded(design: Design, record: Record) -> tuple[Record, Estimated]:
-    tried = _otherwise(record, commanded=True)
+    said = (*record.notes, DRIVE_COMMANDED(quantity=record.drive))
+    tried = _otherwise(record, commanded=True, notes=said)
     return tried, base_fit(design, tried)
 
 
