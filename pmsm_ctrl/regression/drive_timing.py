@@ -38,6 +38,7 @@ __all__ = [
     "Sampling",
     "drive_sampling",
     "emf_left",
+    "emf_winding",
     "filter_behind",
     "in_time",
     "possible_sampling",
@@ -170,6 +171,19 @@ def sampling_columns(torque: Array, period: float, late: float) -> dict[str, Arr
     return {LATENESS: -slope, SPREAD: curved}
 
 
+def emf_winding(design: Design) -> tuple[float, float, int, float] | None:
+    """Return R, L_q, p and psi_f, by which a current loop responds to the back-emf; None unless all are known.
+
+    Parameters
+    ----------
+    design : Design
+    """
+    m = design.motor
+    if not m.electrical or m.R is None or m.L_q is None or m.p is None or m.psi_f is None:
+        return None
+    return m.R, m.L_q, m.p, m.psi_f
+
+
 def emf_left(design: Design, alpha: Array, period: float) -> tuple[Array, Array] | None:
     """Torque error of a command by the back-emf that the current loop does not reject, per second of late compensation.
 
@@ -195,12 +209,13 @@ def emf_left(design: Design, alpha: Array, period: float) -> tuple[Array, Array]
     """
     from scipy.signal import lfilter
 
-    motor = design.motor
-    if not motor.electrical or motor.R is None or motor.L_q is None or motor.psi_f is None or motor.p is None:
+    winding = emf_winding(design)
+    if winding is None:
         return None
-    decay = math.exp(-period * motor.R / motor.L_q)
+    R, L_q, p, psi_f = winding
+    decay = math.exp(-period * R / L_q)
     lagged = np.asarray(lfilter([1.0 - decay], [1.0, -decay], derivative(alpha, period)))
-    late = design.K_t_assumed * motor.p * motor.psi_f * CURRENT_LOOP / motor.R * lagged
+    late = design.K_t_assumed * p * psi_f * CURRENT_LOOP / R * lagged
     smooth = math.exp(-period / EMF_LATE)
     return late, np.asarray(lfilter([1.0 - smooth], [1.0, -smooth], late))
 

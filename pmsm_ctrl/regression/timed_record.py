@@ -33,6 +33,7 @@ from pmsm_ctrl.regression.drive_timing import (
     DriveTiming,
     Sampling,
     drive_sampling,
+    emf_winding,
     filter_behind,
     in_time,
     possible_sampling,
@@ -268,8 +269,6 @@ def _as_command(design: Design, record: Record, fit: Estimated) -> tuple[Record,
     if not _may_be_command(record):
         return record, fit
     tried, found = _commanded(design, record)
-    if EMF not in found.model.names:
-        return record, fit
     value, stderr = found.value(LATENESS)
     early = -record.timing.delay - value
     filtered, error = found.value(EMF_FILTERED)
@@ -300,7 +299,9 @@ def as_possible_command(record: Record) -> Record:
 
 
 def _may_be_command(record: Record) -> bool:
-    return record.age is None and not (record.sampling_stated or record.commanded)
+    """Whether a drive signal of which nothing is stated may hold what the terms of a command describe."""
+    told = record.age is not None or record.sampling_stated or record.commanded
+    return not told and emf_winding(record.design) is not None
 
 
 def of_one_axis(design: Design, record: Record, made: Made | None = None) -> Record:
