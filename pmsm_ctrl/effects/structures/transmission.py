@@ -215,7 +215,7 @@ class Transmission(Structure):
             low, high = 0.0, np.inf
         else:
             low, high = self.least_load * known.J, (1.0 - LEAST_LOAD) * known.J
-        if shape.get(RUBBING, 0.0) > 0.0 and known.F_c > 0.0:
+        if shape.get(RUBBING, 0.0) > 0.0:
             high = min(high, max(known.F_c / shape[RUBBING], float(np.nextafter(low, np.inf))))
         return {self.load: (low, high)}
 

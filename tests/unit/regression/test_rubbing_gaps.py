@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from pmsm_ctrl.effects.backlash import effect
+from pmsm_ctrl.effects.structures.interface import Known
 from pmsm_ctrl.effects.structures.load_table import RigidAxis, made_table, peaks
 from pmsm_ctrl.effects.structures.transmission import DAMPING, FREQUENCY, RUBBING
 
@@ -85,3 +86,10 @@ def test_the_table_tells_what_a_load_explains() -> None:
 def test_peaks_are_better_than_all_around_them() -> None:
     table = np.array([[1.0, 2.0, 1.0, 0.0], [0.0, 3.0, 0.0, 5.0], [0.0, 0.0, 0.0, 4.0]])
     assert peaks(table).tolist() == [7, 5]
+
+
+@pytest.mark.parametrize("F_c", [0.0, -0.3])
+def test_a_load_rubs_with_no_more_than_the_axis(F_c: float) -> None:
+    """An axis without dry friction had a load that rubs, and nothing could simulate the two (6900079)."""
+    low, high = effect.structure.bounds(effect, Known(0.0177, F_c), {RUBBING: 925.0})["J_load"]
+    assert low < high < 1.001 * low
