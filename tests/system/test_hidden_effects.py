@@ -257,9 +257,15 @@ def test_next_experiment_separates_what_one_speed_cannot(blind: ModuleType, desi
     assert "constant_load" not in again.steps[0].equivalents
 
 
-def test_what_is_left_around_reversals_is_unexplained_when_it_only_resembles_an_effect(blind: ModuleType) -> None:
-    # of seeds 30 to 34, 31 and 33 lie on the edge, and are inconclusive with the same words
-    result = blind.run(blind.Case(("presliding",), 1.0, SHORT, 32, left_out=True))
+# of seeds 30 to 34, 31 and 33 lie on the edge of what counts as confirmed
+ON_THE_EDGE = pytest.mark.xfail(strict=True, reason="inconclusive, with the same words")
+
+
+@pytest.mark.parametrize("seed", [32, pytest.param(31, marks=[pytest.mark.slow, ON_THE_EDGE])])
+def test_what_is_left_around_reversals_is_unexplained_when_it_only_resembles_an_effect(
+    blind: ModuleType, seed: int
+) -> None:
+    result = blind.run(blind.Case(("presliding",), 1.0, SHORT, seed, left_out=True))
     assert (result.verdict, result.steps) == ("unexplained", ())
     assert "times as large around reversals as elsewhere" in result.unexplained
     assert result.unexplained in result.warnings

@@ -16,7 +16,7 @@ from tests.effort import slow
 
 # Starts that no dry friction explains are left out, 1 to 2 % of the samples: p = 0.012 in the usual band then.
 FEWER_STARTS = pytest.mark.xfail(strict=True, reason="on the edge, and lost with the samples of a few starts")
-# What the drive's filter of 1.6 ms leaves was explained by the terms of a command, which took it for one.
+# A column of the back-emf that was aliased had taken up what the log's filter leaves; without it rivals do.
 TOO_FILTERED = pytest.mark.xfail(strict=True, reason="rivals explain all of a spring behind a filtered current")
 
 

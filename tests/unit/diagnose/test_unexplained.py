@@ -183,3 +183,4 @@ def test_the_mean_of_a_command_over_twenty_periods_is_no_missing_effect() -> Non
     world = draw(1200066)
     found = diagnose(world.design, simulate_world(world), plan=False)
     assert (found.steps, str(found.verdict)) == ((), "inconclusive")
+    assert found.reasons[0].code == "residual_resembles_effect"

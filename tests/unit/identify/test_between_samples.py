@@ -9,7 +9,7 @@ import pytest
 
 from pmsm_ctrl import Design, Log, identify, simulate
 from pmsm_ctrl.identify.between_samples import SHARE, UNSTATED
-from tests.effort import seeds
+from tests.effort import seeds, slow
 
 DESIGN = Design.from_toml(
     "name = 'axis'\n[motor]\nJ = 1e-4\np = 4\npsi_f = 0.1666666666666667\nR = 1.0\nL_d = 0.001\nL_q = 0.001\n"
@@ -74,8 +74,17 @@ def test_the_inertia_of_a_speed_sweep(designs: Path, seed: int) -> None:
     found = identify(axis, simulate(axis, "sweep", seed=seed))
     assert found.estimates["J"].stderr > 0.006 * 9e-5
     assert abs(found.estimates["J"].value - 9e-5) < 2.6 * found.estimates["J"].stderr
-    if seed != 7:  # there a command that does not show itself could shift it as far
-        assert "torque_between_samples" in {notice.code for notice in found.notices}
+
+
+# of seed 7 a command that does not show itself could shift the inertia as far
+AS_FAR = pytest.mark.xfail(strict=True, reason="what is folded is no more than half of the standard error")
+
+
+@pytest.mark.parametrize("seed", [0, slow(4), pytest.param(7, marks=[pytest.mark.slow, AS_FAR])])
+def test_the_torque_between_the_samples_of_a_speed_sweep_is_said(designs: Path, seed: int) -> None:
+    axis = Design.read(designs / "seed_motor.toml")
+    found = identify(axis, simulate(axis, "sweep", seed=seed))
+    assert "torque_between_samples" in {notice.code for notice in found.notices}
 
 
 @pytest.mark.parametrize("divider", [1, 2])
