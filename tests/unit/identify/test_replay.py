@@ -168,7 +168,10 @@ def test_an_inertia_that_the_simulated_drive_contradicts_is_said(designs) -> Non
     """Held references bias least squares by 7 %, and the log alone does not tell."""
     soft, smooth, held = soft_and_held(designs, 5.0)
     notices: list[Notice] = []
-    for motion, said in ((held, ["few_degrees_of_freedom", "inertia_by_instruments"]), (smooth, ["few_degrees_of_freedom"])):
+    for motion, said in (
+        (held, ["few_degrees_of_freedom", "inertia_by_instruments"]),
+        (smooth, ["few_degrees_of_freedom"]),
+    ):
         found = identify(soft, simulate(soft, motion, seed=3), check_method=True)
         assert [one.code for one in found.notices] == said
         notices += [one for one in found.notices if one.code == "inertia_by_instruments"]
