@@ -8,7 +8,7 @@ torque, from the speed before it, which the kink does not affect, to the speed a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,8 +71,7 @@ def reversals(
     speed, theta = ends[0].copy(), ends[1]
     share = np.empty(longest)
     unknown, shaken = [], []
-    for first, last in _parts(omega, resting, reach):
-        start, stop = first - reach, last + reach + 1
+    for first, last, start, stop in _bounded(_parts(omega, resting, reach), reach):
         if start < 0 or stop > len(omega):
             continue
         moving = np.sign(omega[first : last + 1][~resting[first : last + 1]])
@@ -92,6 +91,15 @@ def reversals(
         elif resting[start] or omega[start] * omega[stop - 1] > 0.0:
             unknown.append(slice(start, stop))
     return unknown, shaken
+
+
+def _bounded(parts: Iterable[tuple[int, int]], reach: int) -> Iterator[tuple[int, int, int, int]]:
+    """Yield first and last sample of each part, and from where to where it is followed: to halfway to its neighbours."""
+    listed = list(parts)
+    for k, (first, last) in enumerate(listed):
+        before = (listed[k - 1][1] + first) // 2 if k else 0
+        after = (last + listed[k + 1][0] + 1) // 2 if k + 1 < len(listed) else last + reach
+        yield first, last, max(first - reach, before), min(last + reach, after) + 1
 
 
 def _parts(omega: Array, resting: NDArray[np.bool_], reach: int) -> Iterator[tuple[int, int]]:
@@ -122,7 +130,7 @@ def _events(omega: Array, resting: NDArray[np.bool_], reach: int) -> list[tuple[
     found = np.flatnonzero(doubtful)
     if not len(found):
         return []
-    cuts = np.flatnonzero(np.diff(found) > 2 * reach)
+    cuts = np.flatnonzero(np.diff(found) > reach)
     firsts = found[np.concatenate([[0], cuts + 1])]
     lasts = found[np.concatenate([cuts, [len(found) - 1]])]
     return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
