@@ -394,7 +394,7 @@ def _made(
     add_slopes(signals, prepared, raw)
     load = signals.get("T_load", np.zeros_like(prepared.t))
     driving = signals["torque"] - load
-    smooth, fast = (torque - load for torque in acting_torques(design, log, prepared))
+    smooth, fast = (torque - load for torque in acting_torques(design, log, prepared, timing.reversals))
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
     unresolved = resolution * prepared.cutoff
     steps = errors_by_steps(prepared, finest, resolution) if finest > 0.0 else None

@@ -10,7 +10,7 @@ from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared
 from pmsm_ctrl.regression.encoder_steps import StepErrors
-from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.filters import low_pass, shifted
 from pmsm_ctrl.regression.measurement_correction import undone
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
 from pmsm_ctrl.regression.signals import logged_torque
@@ -151,7 +151,7 @@ def _followed(prepared: Prepared, pushed: Array, J: float) -> tuple[Array, Array
     return prepared.signals["omega"] + made, prepared.signals["theta"] + travel
 
 
-def acting_torques(design: Design, log: Log, prepared: Prepared) -> tuple[Array, Array]:
+def acting_torques(design: Design, log: Log, prepared: Prepared, late: float = 0.0) -> tuple[Array, Array]:
     """Return the drive's torque, N m (N), shape (n,): as smooth as the speed, and in the band of reversals.
 
     Without what measurement effects of the design put into the channels. A known delay, left in, would make each
@@ -162,6 +162,8 @@ def acting_torques(design: Design, log: Log, prepared: Prepared) -> tuple[Array,
     design : Design
     log : Log
     prepared : Prepared
+    late : float
+        Delay of the drive signal, s.
     """
     names = ("torque",) if "torque" in log else tuple(name for name in ("i_d", "i_q") if name in log)
     channels = {name: on_grid(log, prepared, name) for name in names}
@@ -173,4 +175,6 @@ def acting_torques(design: Design, log: Log, prepared: Prepared) -> tuple[Array,
         logged_torque(design, undone(design, prepared.t, motion | currents)[0])
         for currents in ({name: prepared.signals[name] for name in names}, channels)
     )
+    if late:
+        smooth, fast = (shifted(values, 1.0 / prepared.rate, late) for values in (smooth, fast))
     return smooth, fast

@@ -80,11 +80,14 @@ class DriveTiming:
         Time constant of the first-order filter that it passed, s.
     sure : bool
         Whether the log tells that filter from a delay.
+    reversals : float
+        Delay that is left in the signal, where it has a column, but that is out while a reversal is followed, s.
     """
 
     late: float = 0.0
     lag: float = 0.0
     sure: bool = True
+    reversals: float = 0.0
 
     @property
     def delay(self) -> float:

@@ -34,6 +34,8 @@ def with_evaluation(design: Design, record: Record, log: Log) -> Design:
         cutoff=record.cutoff,
         late=record.timing.late,
         filter=record.timing.lag,
+        reversals=record.timing.reversals,
+        commanded=record.commanded,
         age=None if record.age is None else record.age.late,
         speed_filter=0.0 if record.age is None else record.age.lag,
         weight=record.wrong,
@@ -58,10 +60,11 @@ def record_as_evaluated(design: Design, log: Log) -> Record:
         return timed_record(design, log)
     processing = Processing(standstill=STANDSTILL, cutoff=known.cutoff)
     age = None if known.age is None else DriveTiming(known.age, known.speed_filter)
-    record = make_record(design, log, processing, age, DriveTiming(known.late, known.filter), known.weight, known.edges)
+    timing = DriveTiming(known.late, known.filter, reversals=known.reversals)
+    record = make_record(design, log, processing, age, timing, known.weight, known.edges)
     record = without_stretches(record, known.left_out, known.changes)
     record = of_one_axis(design, record) if record.records else record
-    return replace(record, lines=known.encoder_lines)
+    return replace(record, lines=known.encoder_lines, commanded=known.commanded)
 
 
 def as_compared(design: Design, record: Record, log: Log) -> Record:

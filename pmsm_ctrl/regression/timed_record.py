@@ -44,6 +44,7 @@ from pmsm_ctrl.regression.edges import WRONG_TORQUE, steep
 from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.filter_profile import LOWERED, by_profile
 from pmsm_ctrl.regression.instruments import by_reference
+from pmsm_ctrl.regression.late_reversals import in_time_at_reversals
 from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.model import FIXED, MOST_NOISE, noise_share
 from pmsm_ctrl.regression.notices import (
@@ -190,7 +191,7 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
         record, fit = _behind(design, made, same, timing)
     if record.age is None and not record.sampling_stated and _is_slow(record):
         record, fit = _by_profile(design, made, record, fit)
-    return record, fit
+    return in_time_at_reversals(design, made, record, fit)
 
 
 def _age(design: Design, record: Record, fit: Estimated) -> DriveTiming | None:
