@@ -16,13 +16,16 @@ from numpy.typing import NDArray
 from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.kernels import inlined, kernel
 
-__all__ = ["reversals", "timed_sign"]
+__all__ = ["ROUNDED", "reversals", "timed_sign"]
 
 Array = NDArray[np.float64]
 
 REST = 4  # times what the smoothing mixes: a shaft that does not move for longer rests
 LONGEST = 30  # times what the smoothing mixes: what goes on for longer is no reversal
 MOST_TURNS = 2  # in a row, close together: of more, nobody knows from two unknowns which way the shaft goes when
+# Share of the rounded kink that stays as an error of the moment of reversal; samples up to which it is smaller than what
+# steps of the torque, and turns beside this one, make of a reversal that is followed.
+ROUNDED, CLEAR = 0.15, 0.25
 LEVELS = (0.5, 2.5)  # friction at the reversal over its usual level
 CLOSE = 1e-8  # of the speed, and of the travel, by which the usual friction would change them in all that time
 ROUNDS = 20  # of either search at most; four are usual
@@ -71,11 +74,14 @@ def reversals(
     speed, theta = ends[0].copy(), ends[1]
     share = np.empty(longest)
     unknown, shaken = [], []
-    for first, last, start, stop in _bounded(_parts(omega, resting, reach), reach):
+    for first, last, start, stop in _followed(_parts(omega, resting, reach), reach):
         if start < 0 or stop > len(omega):
             continue
         moving = np.sign(omega[first : last + 1][~resting[first : last + 1]])
         turns = np.count_nonzero(moving[:-1] != moving[1:])
+        close = turns > 1 or (turns and stop - start < last + 1 - first + 2 * reach)
+        if close and not resting[first : last + 1].any() and _late(omega[first : last + 1], J, period, reach) < CLEAR:
+            continue  # the smoothed speed tells
         told = stop - start <= longest and turns <= MOST_TURNS and not resting[stop - 1]
         if not told:
             shaken.append(slice(start, stop))
@@ -93,13 +99,20 @@ def reversals(
     return unknown, shaken
 
 
-def _bounded(parts: Iterable[tuple[int, int]], reach: int) -> Iterator[tuple[int, int, int, int]]:
-    """Yield first and last sample of each part, and from where to where it is followed: to halfway to its neighbours."""
+def _followed(parts: Iterable[tuple[int, int]], reach: int) -> Iterator[tuple[int, int, int, int]]:
+    """Yield first and last sample of each part, and from where to where it is followed: halfway to its neighbours."""
     listed = list(parts)
     for k, (first, last) in enumerate(listed):
-        before = (listed[k - 1][1] + first) // 2 if k else 0
+        before = (listed[k - 1][1] + first) // 2 if k else first - reach
         after = (last + listed[k + 1][0] + 1) // 2 if k + 1 < len(listed) else last + reach
         yield first, last, max(first - reach, before), min(last + reach, after) + 1
+
+
+def _late(omega: Array, J: float, period: float, reach: int) -> float:
+    """Return by how many samples at most the smoothed speed changes its sign too late."""
+    turns = np.flatnonzero(omega[:-1] * omega[1:] < 0.0)
+    slowest = np.min(np.abs(omega[turns + 1] - omega[turns]))  # in a sample
+    return float(ROUNDED * 2.0 / J * reach * period / (2.0 * np.pi) / max(slowest, 1e-300))
 
 
 def _parts(omega: Array, resting: NDArray[np.bool_], reach: int) -> Iterator[tuple[int, int]]:

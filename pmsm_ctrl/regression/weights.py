@@ -15,6 +15,7 @@ from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.regression.edges import MAD, UPPER, WRONG_TORQUE, by_variance, edge_error, highest, steep
 from pmsm_ctrl.regression.encoder_steps import StepErrors
 from pmsm_ctrl.regression.filters import low_pass, low_pass_each
+from pmsm_ctrl.regression.reversals import ROUNDED
 from pmsm_ctrl.regression.timing import punctual
 
 __all__ = [
@@ -39,8 +40,6 @@ DITHER, ROUNDING = 0.4, 1e-6
 # A quantised signal: most changes are of one step; a share of the stays on a level lasts a sample or two, or there are
 # many levels, of which most are left within 20 ms. Fewer stays than these tell neither.
 SINGLE_STEPS, FLICKER, FLICKERING, MANY_LEVELS, PASSING, FEWEST_STAYS = 0.5, 2, 0.1, 8, 0.02, 20
-# Share of the rounded kink that stays as an error of the moment of reversal.
-ROUNDED = 0.15
 PART = 65536  # samples of the logged rate that are worked out at once
 # How far a voltage balance can be trusted: shares of the inductive drop and of the voltage.
 WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001

@@ -11,6 +11,7 @@ from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.reversals import left_rest, reversals, through, timed_sign
 from pmsm_ctrl.regression.reversals import turned as followed
+from pmsm_ctrl.regression.timed_record import timed_record
 
 J = 1.0 / 200.0  # inertia over the level of friction, s^2
 WIDE = 100.0  # Hz, the low-pass before differentiation
@@ -212,3 +213,55 @@ def test_dry_friction_of_an_axis_that_runs_one_way_holds_its_load(load: float) -
     design = design.with_effect("coulomb", {"F_c": 0.3}).with_effect("viscous", {"F_v": 1e-3})
     record = make_record(design, Log({"t": t, "theta": theta, "omega": omega, "torque": torque}))
     assert record.dry == pytest.approx(0.3 + load, rel=0.02)
+
+
+def shaken(rate: float, half: float, mean: bool) -> tuple[Log, np.ndarray, Design]:
+    """Return a log of a shaft that torque steps of four levels of friction turn to and fro, its friction and design.
+
+    Exact but for steps of 20 us. The friction is the mean of each sample, over its level of 0.01 N m; the torque, if
+    `mean`, that of the period before.
+    """
+    fine, inertia, level = 2e-5, 4e-6, 0.01
+    steps = round(1.0 / rate / fine)
+    t = np.arange(round(20.0 / fine)) * fine
+    # halves of the swing that are uneven, so that steps and reversals fall anywhere between the samples
+    ends = np.cumsum(half * (1.0 + 0.2 * np.sin(np.arange(round(25.0 / half)))))
+    drive = 4.0 * level * np.where(np.searchsorted(ends, t) % 2, -1.0, 1.0)
+    omega, theta, friction = np.zeros(t.size), np.zeros(t.size), np.zeros(t.size)
+    w = -4.0 * level / inertia * half / 2.0
+    for k in range(1, t.size):
+        friction[k] = level * np.sign(w)
+        w += fine * (drive[k] - friction[k]) / inertia
+        omega[k] = w
+    theta = np.cumsum(omega) * fine
+    at = np.arange(2 * steps, t.size - 2 * steps, steps)
+    torques, frictions = np.cumsum(drive), np.cumsum(friction)
+    logged = (torques[at] - torques[at - steps]) / steps if mean else drive[at]
+    share = (frictions[at + steps // 2] - frictions[at - steps // 2]) / steps / level
+    design = Design.from_dict({"name": "made", "motor": {"J": inertia, "K_t": 0.05}})
+    design = design.with_effect("coulomb", {"F_c": level}).with_effect("viscous", {"F_v": 1e-6})
+    return Log({"t": np.arange(at.size) / rate, "theta": theta[at], "torque": logged}), share, design
+
+
+def off(found: np.ndarray, true: np.ndarray, rate: float) -> np.ndarray:
+    """By how long each reversal is off, s, by the area of the friction around it."""
+    turns = np.flatnonzero(np.diff(np.sign(true)) != 0)
+    turns = turns[(turns > 20) & (turns < len(found) - 20)]
+    true = true[: len(found)]
+    return np.array([np.sum((found - true)[k - 3 : k + 5]) for k in turns]) / (2.0 * rate)
+
+
+@pytest.mark.parametrize("half", [0.024, 0.04])
+def test_turns_close_together_are_followed_each_by_itself(half: float) -> None:
+    log, share, design = shaken(250.0, half, mean=False)
+    record = make_record(design, log)
+    assert record.turning < 0.1
+    assert np.quantile(np.abs(off(record.signals["direction"], share, 250.0)), 0.95) < 1e-3
+
+
+@pytest.mark.parametrize("half", [0.024, 0.04])
+def test_a_mean_of_the_torque_does_not_make_a_reversal_late(half: float) -> None:
+    log, share, design = shaken(250.0, half, mean=True)
+    left_in, out = (np.abs(off(one.signals["direction"], share, 250.0)) for one in (make_record(design, log), timed_record(design, log)))
+    assert np.median(out) < 0.5 * np.median(left_in)
+    assert np.median(out) < 0.3e-3
