@@ -80,7 +80,7 @@ def direction_of(
     direction = timed_sign(omega)
     long = np.zeros(len(omega), dtype=bool)
     for piece in stretches(rests):
-        if piece.stop - piece.start > REST * prepared.rate:
+        if piece.stop - piece.start > round(REST * prepared.rate, 6):
             long[piece] = True
     free = ~long & measured
     level = J = 0.0

@@ -8,7 +8,7 @@ torque, from the speed before it, which the kink does not affect, to the speed a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,15 +74,12 @@ def reversals(
     speed, theta = ends[0].copy(), ends[1]
     share = np.empty(longest)
     unknown, shaken = [], []
-    for first, last, start, stop in _followed(_parts(omega, resting, reach), reach):
+    for first, last, start, stop in _uncertain(omega, resting, J, period, reach):
         if start < 0 or stop > len(omega):
             continue
         moving = np.sign(omega[first : last + 1][~resting[first : last + 1]])
         turns = np.count_nonzero(moving[:-1] != moving[1:])
-        close = turns > 1 or (turns and stop - start < last + 1 - first + 2 * reach)
-        if close and not resting[first : last + 1].any() and _late(omega[first : last + 1], J, period, reach) < CLEAR:
-            continue  # the smoothed speed tells
-        told = stop - start <= longest and turns <= MOST_TURNS and not resting[stop - 1]
+        told = reach + 2 < stop - start <= longest and turns <= MOST_TURNS and not resting[stop - 1]
         if not told:
             shaken.append(slice(start, stop))
             continue
@@ -99,20 +96,24 @@ def reversals(
     return unknown, shaken
 
 
-def _followed(parts: Iterable[tuple[int, int]], reach: int) -> Iterator[tuple[int, int, int, int]]:
-    """Yield first and last sample of each part, and from where to where it is followed: halfway to its neighbours."""
-    listed = list(parts)
-    for k, (first, last) in enumerate(listed):
-        before = (listed[k - 1][1] + first) // 2 if k else first - reach
-        after = (last + listed[k + 1][0] + 1) // 2 if k + 1 < len(listed) else last + reach
-        yield first, last, max(first - reach, before), min(last + reach, after) + 1
+def _uncertain(
+    omega: Array, resting: NDArray[np.bool_], J: float, period: float, reach: int
+) -> Iterator[tuple[int, int, int, int]]:
+    """Yield first and last sample of what is uncertain, and from where to where it is followed.
 
-
-def _late(omega: Array, J: float, period: float, reach: int) -> float:
-    """Return by how many samples at most the smoothed speed changes its sign too late."""
-    turns = np.flatnonzero(omega[:-1] * omega[1:] < 0.0)
-    slowest = np.min(np.abs(omega[turns + 1] - omega[turns]))  # in a sample
-    return float(ROUNDED * 2.0 / J * reach * period / (2.0 * np.pi) / max(slowest, 1e-300))
+    Of turns close together the smoothed speed tells the fast ones. The others are followed to halfway to their
+    neighbours, unless all of them are slow.
+    """
+    for first, last in _parts(omega, resting, reach):
+        turns = first + np.flatnonzero(omega[first:last] * omega[first + 1 : last + 1] < 0.0)
+        steps = np.abs(omega[turns + 1] - omega[turns])
+        slow = ROUNDED * 2.0 / J * reach * period / (2.0 * np.pi) > CLEAR * steps
+        if len(turns) < 2 or slow.all() or resting[first : last + 1].any():
+            yield first, last, first - reach, last + reach + 1
+            continue
+        apart = np.minimum(np.diff(turns, prepend=turns[0] - 2 * reach, append=turns[-1] + 2 * reach) // 2, reach)
+        for k in np.flatnonzero(slow):
+            yield int(turns[k]), int(turns[k]) + 1, int(turns[k] - apart[k]), int(turns[k] + apart[k + 1]) + 2
 
 
 def _parts(omega: Array, resting: NDArray[np.bool_], reach: int) -> Iterator[tuple[int, int]]:
@@ -143,7 +144,7 @@ def _events(omega: Array, resting: NDArray[np.bool_], reach: int) -> list[tuple[
     found = np.flatnonzero(doubtful)
     if not len(found):
         return []
-    cuts = np.flatnonzero(np.diff(found) > reach)
+    cuts = np.flatnonzero(np.diff(found) > 2 * reach)
     firsts = found[np.concatenate([[0], cuts + 1])]
     lasts = found[np.concatenate([cuts, [len(found) - 1]])]
     return list(zip(firsts.tolist(), lasts.tolist(), strict=True))

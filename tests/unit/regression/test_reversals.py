@@ -223,9 +223,9 @@ def shaken(rate: float, half: float, mean: bool) -> tuple[Log, np.ndarray, Desig
     """
     fine, inertia, level = 2e-5, 4e-6, 0.01
     steps = round(1.0 / rate / fine)
-    t = np.arange(round(20.0 / fine)) * fine
+    t = np.arange(round(8.0 / fine)) * fine
     # halves of the swing that are uneven, so that steps and reversals fall anywhere between the samples
-    ends = np.cumsum(half * (1.0 + 0.2 * np.sin(np.arange(round(25.0 / half)))))
+    ends = np.cumsum(half * (1.0 + 0.2 * np.sin(np.arange(round(10.0 / half)))))
     drive = 4.0 * level * np.where(np.searchsorted(ends, t) % 2, -1.0, 1.0)
     omega, theta, friction = np.zeros(t.size), np.zeros(t.size), np.zeros(t.size)
     w = -4.0 * level / inertia * half / 2.0
@@ -252,16 +252,20 @@ def off(found: np.ndarray, true: np.ndarray, rate: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("half", [0.024, 0.04])
-def test_turns_close_together_are_followed_each_by_itself(half: float) -> None:
+def test_turns_that_are_close_together(half: float) -> None:
+    # 5 to 12 samples apart; followed two at a time, one of both was off by up to 8 ms
     log, share, design = shaken(250.0, half, mean=False)
     record = make_record(design, log)
-    assert record.turning < 0.1
-    assert np.quantile(np.abs(off(record.signals["direction"], share, 250.0)), 0.95) < 1e-3
+    assert record.turning == 0.0
+    wrong = np.abs(off(record.signals["direction"], share, 250.0))
+    assert np.median(wrong) < 0.5e-3
+    assert np.max(wrong) < 2e-3
 
 
-@pytest.mark.parametrize("half", [0.024, 0.04])
-def test_a_mean_of_the_torque_does_not_make_a_reversal_late(half: float) -> None:
-    log, share, design = shaken(250.0, half, mean=True)
-    left_in, out = (np.abs(off(one.signals["direction"], share, 250.0)) for one in (make_record(design, log), timed_record(design, log)))
-    assert np.median(out) < 0.5 * np.median(left_in)
-    assert np.median(out) < 0.3e-3
+def test_a_mean_of_the_torque_makes_no_reversal_late() -> None:
+    log, share, design = shaken(250.0, 0.08, mean=True)
+    records = make_record(design, log), timed_record(design, log)
+    late, in_time = (np.median(np.abs(off(one.signals["direction"], share, 250.0))) for one in records)
+    assert records[1].timing.late == 0.0  # it has a column still
+    assert records[1].timing.reversals == pytest.approx(2e-3, abs=1e-4)
+    assert in_time < 0.1e-3 < 0.3e-3 < late
