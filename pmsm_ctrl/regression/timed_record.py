@@ -44,7 +44,7 @@ from pmsm_ctrl.regression.edges import WRONG_TORQUE, steep
 from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.filter_profile import LOWERED, by_profile
 from pmsm_ctrl.regression.instruments import by_reference
-from pmsm_ctrl.regression.late_reversals import in_time_at_reversals
+from pmsm_ctrl.regression.late_reversals import error_left, in_time_at_reversals
 from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.model import FIXED, MOST_NOISE, noise_share
 from pmsm_ctrl.regression.notices import (
@@ -237,11 +237,11 @@ def _by_profile(design: Design, made: Made, record: Record, fit: Estimated) -> t
         if timing.late > record.sampling:  # a delay leaves less than half of the variance of a filter
             free = base_fit(design, behind[0], settled=False)
             late = timing.late + free.level(LATENESS)
-            return _left(behind[0], free) if abs(free.level(SPREAD)) < 0.25 * late**2 else math.inf
+            return error_left(behind[0], free) if abs(free.level(SPREAD)) < 0.25 * late**2 else math.inf
         other = abs(behind[1].level(SPREAD)) > timing.spread + record.period**2 / 24.0
-        return math.inf if other and timing != record.timing else _left(*behind)
+        return math.inf if other and timing != record.timing else error_left(*behind)
 
-    if _noise(fit) > LOWERED * _left(*_with_edges(design, record)):
+    if _noise(fit) > LOWERED * error_left(*_with_edges(design, record)):
         return record, fit  # that is noise already
     timing = by_profile(record.timing, record.period, error)
     return (record, fit) if timing == record.timing else _behind(design, made, same, timing)
@@ -250,13 +250,6 @@ def _by_profile(design: Design, made: Made, record: Record, fit: Estimated) -> t
 def _behind(design: Design, made: Made, same: Processing, timing: DriveTiming) -> tuple[Record, Estimated]:
     record = made.record(design, same, None, timing)
     return record, base_fit(design, record)
-
-
-def _left(record: Record, fit: Estimated) -> float:
-    """Weighted rms error of the torque balance, as a share of the torque."""
-    weight = record.weight[0] * record.mask
-    left = (record.target[0] - fit.weighted.predicted()[0]) * weight
-    return float(np.linalg.norm(left)) / max(float(np.linalg.norm(record.target[0] * weight)), 1e-300)
 
 
 def _as_command(design: Design, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
@@ -276,7 +269,7 @@ def _as_command(design: Design, record: Record, fit: Estimated) -> tuple[Record,
     late = found.level(EMF) + filtered
     if not (0.0 < late < EMF_LATE and filtered > -SURE * error and EMF_LATE * filtered < LONGEST_FILTER * late):
         return record, fit
-    shown = early > max(FASTEST_LOOP, SURE * stderr) or _left(tried, found) < LOWERED * _left(record, fit)
+    shown = early > max(FASTEST_LOOP, SURE * stderr) or error_left(tried, found) < LOWERED * error_left(record, fit)
     return (tried, found) if shown else (record, fit)
 
 
