@@ -21,8 +21,9 @@ LATE = 5e-4  # s: a delay below it moves a reversal by no more than the uncertai
 def in_time_at_reversals(design: Design, made: Made, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
     """Return the record with reversals at the moment that a drive signal in time gives, and its fit.
 
-    Where that lowers the error: a spring that the model lacks looks like a delay as well. The column of a delay describes what it does to the balance, and not that the friction seems to change its sign at
-    another moment, where the torque that turns the axis is a mean of 4 ms.
+    Where that lowers the error: a spring that the model lacks looks like a delay as well. The column of a delay
+    describes what it does to the balance, and not that the friction seems to change its sign at another moment, where
+    the torque that turns the axis is a mean of 4 ms.
 
     Parameters
     ----------

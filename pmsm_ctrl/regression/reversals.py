@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 REST = 4  # times what the smoothing mixes: a shaft that does not move for longer rests
 LONGEST = 30  # times what the smoothing mixes: what goes on for longer is no reversal
 MOST_TURNS = 2  # in a row, close together: of more, nobody knows from two unknowns which way the shaft goes when
-# Share of the rounded kink that stays as an error of the moment of reversal; samples up to which it is smaller than what
-# steps of the torque, and turns beside this one, make of a reversal that is followed.
+# Share of the rounded kink that stays as an error of the moment of reversal; samples up to which it is smaller than
+# what steps of the torque, and turns beside this one, make of a reversal that is followed.
 ROUNDED, CLEAR = 0.15, 0.25
 LEVELS = (0.5, 2.5)  # friction at the reversal over its usual level
 CLOSE = 1e-8  # of the speed, and of the travel, by which the usual friction would change them in all that time
