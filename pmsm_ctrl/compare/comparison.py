@@ -22,7 +22,7 @@ from pmsm_ctrl.log import Log, Logs, Span, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, make_record
 from pmsm_ctrl.regression.balances import Record as Balances
-from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare, unaliased
+from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, in_time
 from pmsm_ctrl.regression.evaluated import record_as_evaluated
 from pmsm_ctrl.regression.fast_orders import orders_beyond
@@ -295,7 +295,7 @@ def compare(
     others, notices = [], list(doubted)
     for number, one in enumerate(holdouts, start=1):
         held_out = doubts_about(design, one)
-        same = Processing(standstill=STANDSTILL, cutoff=min(balances.cutoff, unaliased(one.rate)))
+        same = Processing(standstill=STANDSTILL, cutoff=min(balances.cutoff, one.rate / 8.0))
         alike = make_record(design, held_out.log, same, balances.age_elsewhere, balances.timing)
         predicted = predict(design, alike, prediction)
         held = _record(design, held_out.log, predicted, partial(_advanced, advance, part, number))

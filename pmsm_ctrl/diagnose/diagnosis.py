@@ -55,7 +55,7 @@ from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects
-from pmsm_ctrl.regression.conditioning import Processing, default_cutoff, unaliased
+from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.encoder_lines import LINES
 from pmsm_ctrl.regression.fast_orders import WIDEST, beyond_band, orders_beyond
 from pmsm_ctrl.regression.joining import name_of as name_of_log
@@ -456,7 +456,7 @@ def condition(
     remarks = [] if beyond is None else [beyond.notice]
     for holdout in holdouts:
         held_out = doubts_about(design, holdout)
-        same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, unaliased(holdout.rate)))
+        same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, holdout.rate / 8.0))
         other = make_record(design, held_out.log, same, record.age_elsewhere, record.timing)
         # whatever it is made of, nothing is fitted to it
         others.append(replace(other, records=(), weighing=None, commanded=record.commanded))

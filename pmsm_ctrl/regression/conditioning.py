@@ -31,7 +31,7 @@ from pmsm_ctrl.regression.thinning import thinned
 from pmsm_ctrl.regression.timing import between_records, own_time, uniform, unwrapped
 from pmsm_ctrl.section import Notice
 
-__all__ = ["PREFILTER", "Prepared", "Processing", "condition", "default_cutoff", "prepare", "unaliased"]
+__all__ = ["PREFILTER", "Prepared", "Processing", "condition", "default_cutoff", "prepare"]
 
 Array = NDArray[np.float64]
 Clean = Callable[[Sequence[Array]], list[Array]]  # the low-pass before differentiation
@@ -47,7 +47,6 @@ PREFILTER = 2.5
 EDGE = 4.0
 # Default low-pass, Hz: friction and inertia of a servo axis show below it.
 USUAL = 40.0
-ALIASED = 10.0  # rates of a log over the widest band in which its samples tell a step of the torque
 # Low-pass of the speed, Hz, in which rests and reversals are found for blanking: a narrower one rounds off the kink
 # that dry friction makes at a reversal, and the rounded speed changes its sign too late.
 REST_BAND = 250.0
@@ -253,16 +252,7 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
 
 def default_cutoff(rate: float) -> float:
     """Return the default low-pass, Hz, for a log of this rate, Hz."""
-    return min(USUAL, unaliased(rate))
-
-
-def unaliased(rate: float) -> float:
-    """Return the widest band, Hz, in which a log of this rate, Hz, tells a torque that jumps.
-
-    Of a step between two samples the mean over a period leaves ``(f / rate)^2`` of what it holds at a frequency f, from
-    above the rate, and an instant leaves ``f / rate``: at a tenth of the rate 1 % and 10 %.
-    """
-    return rate / ALIASED
+    return min(USUAL, rate / 8.0)
 
 
 def _cutoff(processing: Processing, rate: float) -> float:

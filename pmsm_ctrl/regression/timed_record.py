@@ -16,7 +16,7 @@ from pmsm_ctrl.regression.angle_zero import turned_by, with_common_zero
 from pmsm_ctrl.regression.balances import ALWAYS, STANDSTILL, USABLE, Record
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit, settled_model
-from pmsm_ctrl.regression.conditioning import Processing, default_cutoff, unaliased
+from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.drive_timing import (
     AGE,
     EMF,
@@ -452,7 +452,7 @@ def _sharpened(design: Design, made: Made, record: Record) -> tuple[Record, Esti
 
 
 def _widened(design: Design, made: Made, record: Record, fit: Estimated) -> Record:
-    wanted = min(signal_band(made.log), unaliased(record.prepared.rate))  # a fast log was thinned to a lower rate
+    wanted = min(signal_band(made.log), record.prepared.rate / 8.0)  # a fast log was thinned to a lower rate
     if record.age is None:
         # of a lateness alone the slope is taken over all of it, which is exact
         spread, stderr = fit.value(SPREAD)
