@@ -35,8 +35,8 @@ def in_time_at_reversals(design: Design, made: Made, record: Record, fit: Estima
     """
     if record.age is not None or record.sampling_stated or record.dry <= 0.0:
         return record, fit
-    late = min(max(fit.level(LATENESS), -record.early), record.sampling)
-    if abs(late) < max(LATE, SURE * fit.value(LATENESS)[1]):
+    late = fit.level(LATENESS)
+    if not max(LATE, SURE * fit.value(LATENESS)[1]) < late < record.sampling:
         return record, fit
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     again = made.record(design, same, None, replace(record.timing, reversals=late))
