@@ -297,6 +297,7 @@ def compare(
         held_out = doubts_about(design, one)
         same = Processing(standstill=STANDSTILL, cutoff=min(balances.cutoff, one.rate / 8.0))
         alike = make_record(design, held_out.log, same, balances.age_elsewhere, balances.timing)
+        alike = replace(alike, commanded=balances.commanded)
         predicted = predict(design, alike, prediction)
         held = _record(design, held_out.log, predicted, partial(_advanced, advance, part, number))
         others.append(replace(held, name=one.provenance.file or "the holdout"))
@@ -319,7 +320,8 @@ def _conditioned(design: Design, log: Log, processing: Processing | None) -> Bal
     usual = record_as_evaluated(design, log)
     if processing is None:
         return usual
-    return make_record(design, log, processing, usual.age_elsewhere, usual.timing)
+    asked = make_record(design, log, processing, usual.age_elsewhere, usual.timing)
+    return replace(asked, commanded=usual.commanded)
 
 
 def _record(design: Design, log: Log, prediction: Prediction, progress: Callable[[float], None]) -> Record:

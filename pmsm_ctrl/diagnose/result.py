@@ -387,7 +387,7 @@ class Diagnosis(Result):
             "steps": [vars(step) for step in self.steps],
             "ranking": [row.to_dict() for row in self.ranking],
             "parameter_deviations": [vars(d) for d in self.parameter_deviations],
-            "timing": vars(self.timing),
+            "timing": {name: getattr(self.timing, name) for name in ("late", "lag", "sure")},
             "next_experiment": self.next_experiment,
             "unexplained": self.unexplained,
             "unexplained_code": self.left.code if self.left is not None else "",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,6 +79,7 @@ def errors_on_log(design: Design, logs: Logs, level: float, slope: float) -> Log
     # the same samples in the same band, sampled in the same way
     same = Processing(standstill=STANDSTILL, cutoff=balances.cutoff)
     alike = make_record(held, log, same, balances.age_elsewhere, balances.timing)
+    alike = replace(alike, commanded=balances.commanded)
     full = predict(design, balances)
     joint = predict(held, alike, full)
     used = balances.mask & alike.mask

@@ -91,12 +91,15 @@ def test_what_the_diagnosis_left_out_is_left_out(
 @pytest.mark.parametrize("cutoff", [20.0, 80.0])
 def test_the_log_is_read_in_the_band_of_the_fit(seed_motor: Design, cutoff: float) -> None:
     log = simulate(seed_motor, "triangle", seed=54214)
-    timing = DriveTiming(2e-4, 1e-3)
+    timing = DriveTiming(2e-4, 1e-3, reversals=8e-4)
     record = make_record(seed_motor, log, Processing(standstill=STANDSTILL, cutoff=cutoff), 0.0, timing, 0.01)
+    record = replace(record, commanded=True)
     written = with_evaluation(seed_motor, record, log)
     again = record_as_evaluated(written, log)
     np.testing.assert_array_equal(again.target, record.target)
     np.testing.assert_array_equal(again.weight, record.weight)
+    np.testing.assert_array_equal(again.signals["direction"], record.signals["direction"])
+    assert (again.timing, again.commanded) == (timing, True)
     usual = record_as_evaluated(written, log.slice(0, len(log) - 1))
     assert usual.cutoff == timed_record(seed_motor, log).cutoff != cutoff
 

@@ -131,7 +131,14 @@ def test_an_error_of_the_model_that_changes_with_the_band_has_no_name() -> None:
     world = draw(660131)
     found = diagnose(world.design, simulate_world(world), candidates=["stribeck"], plan=False)
     assert not found.steps
-    (ranked,) = found.ranking
+    assert str(found.verdict) == "consistent"
+    assert found.record.timing.reversals > 5e-4
+
+
+@pytest.mark.xfail(strict=True, reason="the error was that of reversals by a torque that is late; they are in time now")
+def test_why_an_error_of_the_model_that_changes_with_the_band_has_no_name() -> None:
+    world = draw(660131)
+    (ranked,) = diagnose(world.design, simulate_world(world), candidates=["stribeck"], plan=False).ranking
     assert ranked.refusal is not None
     assert ranked.refusal.reason is Reason.OTHER_BAND
 
