@@ -106,8 +106,11 @@ def _uncertain(
     """
     for first, last in _parts(omega, resting, reach):
         turns = first + np.flatnonzero(omega[first:last] * omega[first + 1 : last + 1] < 0.0)
-        steps = np.abs(omega[turns + 1] - omega[turns])
-        slow = ROUNDED * 2.0 / J * reach * period / (2.0 * np.pi) > CLEAR * steps
+        needed = ROUNDED * 2.0 / J * reach * period / (2.0 * np.pi) / CLEAR  # change of the speed in a sample
+        slow = np.abs(omega[turns + 1] - omega[turns]) < needed
+        for k in range(len(turns) - 1):
+            if np.max(np.abs(omega[turns[k] + 1 : turns[k + 1] + 1])) < 0.5 * reach * needed:
+                slow[k : k + 2] = True  # it hardly moves in between
         if len(turns) < 2 or slow.all() or resting[first : last + 1].any():
             yield first, last, first - reach, last + reach + 1
             continue
