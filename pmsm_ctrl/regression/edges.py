@@ -22,8 +22,8 @@ UPPER = 0.25
 PART, BESIDE = 1 << 18, 1 << 9
 # Height of the highest of a few hundred samples of noise, in its standard deviation.
 NOISE_PEAK = 4.5
-# What the steep filter makes of the error of an edge: periods of its cutoff on either side, and the share of the
-# highest value that it still rings between the line before and them. 8th order, run twice.
+# What the steep filter makes of the error of an edge: periods of its cutoff on either side, and the share of the highest
+# value there that it still rings between the line before and them. 8th order, run twice.
 RINGING = (
     (0.5, 1.0), (1.0, 0.2), (1.5, 0.12), (2.0, 0.085), (3.0, 0.06), (4.0, 0.035), (6.0, 0.023), (8.0, 0.009),
     (12.0, 0.004), (16.0, 0.0007),
