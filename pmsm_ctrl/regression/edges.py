@@ -22,12 +22,10 @@ UPPER = 0.25
 PART, BESIDE = 1 << 18, 1 << 9
 # Height of the highest of a few hundred samples of noise, in its standard deviation.
 NOISE_PEAK = 4.5
-# What the steep filter makes of the error of an edge: periods of its cutoff on either side, and the share of the highest
-# value there that it still rings between the line before and them. 8th order, run twice.
-RINGING = (
-    (0.5, 1.0), (1.0, 0.2), (1.5, 0.12), (2.0, 0.085), (3.0, 0.06), (4.0, 0.035), (6.0, 0.023), (8.0, 0.009),
-    (12.0, 0.004), (16.0, 0.0007),
-)  # fmt: skip
+# Periods of the cutoff on either side of an edge in which it rings at full height.
+EDGE_PERIODS = 3.0
+# What the steep filter still rings of an edge so many periods of its cutoff further away: 8th order, run twice.
+RINGING = ((1.0, 0.035), (3.0, 0.023), (5.0, 0.009), (9.0, 0.004), (13.0, 0.0007))
 # Share of the torque's scatter below which its errors need no care, as long as nobody knows how well a model fits.
 WRONG_TORQUE = 0.02
 
@@ -61,9 +59,8 @@ def edge_error(
 
     An edge that is faster than the sampling is logged up to one period too early or too late, always the same way
     where the drive and the log share a clock. Its error in the filtered balance, against the noise there, is about
-    the height of the edge over the noise times the root of what the filter lets through, for half a period of the
-    filter's cutoff on either side, and less as far as it rings. Edges are what the signal holds above a quarter of the
-    rate.
+    the height of the edge over the noise times the root of what the filter lets through, for so many periods of the
+    filter's cutoff on either side as it rings. Edges are what the signal holds above a quarter of the rate.
 
     Parameters
     ----------
@@ -79,7 +76,7 @@ def edge_error(
     times = len(raw) // len(prepared.t)
     rate, fast_rate = prepared.rate, times * prepared.rate
     # the filters mirror a log in its last value: an edge there is a step of twice its height
-    beyond = min(len(prepared.t) - 1, round(RINGING[-1][0] * rate / prepared.cutoff))
+    beyond = min(len(prepared.t) - 1, round((EDGE_PERIODS + RINGING[-1][0]) * rate / prepared.cutoff))
     inside = slice(beyond, beyond + len(prepared.t))
     beside = np.pad(raw, times * beyond, mode="reflect", reflect_type="odd")
     _keep_edges(beside, fast_rate)
@@ -99,15 +96,15 @@ def edge_error(
     def peaks_within(periods: float) -> Array:
         return highest(fast, 2 * round(periods * rate / prepared.cutoff) + 1)[inside][prepared.keep] / noise
 
-    peaks = peaks_within(RINGING[0][0])
+    peaks = peaks_within(EDGE_PERIODS)
     # where every stretch has such peaks they are the drive's ripple, not single edges
     usual = np.full(len(peaks), NOISE_PEAK)
     for piece in pieces:
         here = slice(*np.searchsorted(prepared.keep, [piece.start or 0, piece.stop or len(prepared.t)]))
         usual[here] = max(NOISE_PEAK, float(np.median(peaks[here])) if here.stop > here.start else 0.0)
     edge = np.maximum(peaks - usual, 0.0)
-    for periods, left in RINGING[1:]:
-        edge = np.maximum(edge, left * (peaks_within(periods) - usual))
+    for further, left in RINGING:
+        edge = np.maximum(edge, left * (peaks_within(EDGE_PERIODS + further) - usual))
     passed = np.sqrt(2.0 * prepared.cutoff / fast_rate)
     return np.asarray(passed * edge)
 

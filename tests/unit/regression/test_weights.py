@@ -10,8 +10,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.conditioning import Prepared, prepare
 from pmsm_ctrl.regression.drive_timing import UNDELAYED
-from pmsm_ctrl.regression.edges import RINGING, edge_error, steep
-from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.edges import edge_error, steep
 from pmsm_ctrl.regression.joining import thinned
 from pmsm_ctrl.regression.weights import at_given_rate, reversal_weight, torque_noise
 from pmsm_ctrl.simulate import scenario, simulate
@@ -125,16 +124,3 @@ def test_a_channel_at_the_given_rate_is_the_same_in_parts(designs, monkeypatch: 
         found.append(at_given_rate(log, thin, UNDELAYED, prepare(design, thin), "i_q"))
     np.testing.assert_array_equal(*found)
     assert found[0][: len(log)] == pytest.approx(log["i_q"], abs=1e-6 * float(np.ptp(log["i_q"])))
-
-
-@pytest.mark.parametrize(("rate", "cutoff"), [(250.0, 31.25), (1000.0, 40.0)])
-def test_an_edge_counts_as_far_as_the_filter_rings(rate: float, cutoff: float) -> None:
-    pulse = np.zeros(20001)
-    pulse[10000] = 1.0
-    left = np.abs(low_pass(pulse, rate, cutoff, steep=True))
-    periods, before = np.abs(np.arange(20001) - 10000) * cutoff / rate, 0.0
-    for within, share in RINGING:
-        here = (periods >= before) & (periods < within)
-        assert np.max(left[here]) / np.max(left) == pytest.approx(share, rel=0.35, abs=1e-3)
-        before = within
-    assert np.max(left[periods >= before]) < 1e-3 * np.max(left)
