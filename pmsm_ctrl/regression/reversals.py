@@ -8,6 +8,7 @@ torque, from the speed before it, which the kink does not affect, to the speed a
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -102,16 +103,17 @@ def _uncertain(
     """Yield first and last sample of what is uncertain, and from where to where it is followed.
 
     Of turns close together the smoothed speed tells the fast ones. The others are followed to halfway to their
-    neighbours, unless all of them are slow.
+    neighbours, and two of which one is slow, or those that are all slow, as one.
     """
     for first, last in _parts(omega, resting, reach):
         turns = first + np.flatnonzero(omega[first:last] * omega[first + 1 : last + 1] < 0.0)
         needed = ROUNDED * 2.0 / J * reach * period / (2.0 * np.pi) / CLEAR  # change of the speed in a sample
         slow = np.abs(omega[turns + 1] - omega[turns]) < needed
-        for k in range(len(turns) - 1):
-            if np.max(np.abs(omega[turns[k] + 1 : turns[k + 1] + 1])) < 0.5 * reach * needed:
-                slow[k : k + 2] = True  # it hardly moves in between
-        if len(turns) < 2 or slow.all() or resting[first : last + 1].any():
+        for k, (this, then) in enumerate(itertools.pairwise(turns.tolist())):
+            if then - this < reach or np.max(np.abs(omega[this + 1 : then + 1])) < 0.5 * reach * needed:
+                slow[k : k + 2] = True  # what lies in between is no longer, or no faster, than what smoothing makes
+        as_one = len(turns) <= MOST_TURNS and slow.any()
+        if as_one or len(turns) < 2 or slow.all() or resting[first : last + 1].any():
             yield first, last, first - reach, last + reach + 1
             continue
         apart = np.minimum(np.diff(turns, prepend=turns[0] - 2 * reach, append=turns[-1] + 2 * reach) // 2, reach)
