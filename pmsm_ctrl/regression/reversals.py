@@ -117,8 +117,8 @@ def _uncertain(
             yield first, last, first - reach, last + reach + 1
             continue
         apart = np.minimum(np.diff(turns, prepend=turns[0] - 2 * reach, append=turns[-1] + 2 * reach) // 2, reach)
-        for k in np.flatnonzero(slow):
-            yield int(turns[k]), int(turns[k]) + 1, int(turns[k] - apart[k]), int(turns[k] + apart[k + 1]) + 2
+        for turn, before, after in zip(turns[slow], apart[:-1][slow], apart[1:][slow], strict=True):
+            yield int(turn), int(turn) + 1, int(turn - before), int(turn + after) + 2
 
 
 def _parts(omega: Array, resting: NDArray[np.bool_], reach: int) -> Iterator[tuple[int, int]]:
