@@ -20,11 +20,11 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.log import Log, Logs, Span, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
-from pmsm_ctrl.regression.balances import STANDSTILL, make_record
+from pmsm_ctrl.regression.balances import STANDSTILL
 from pmsm_ctrl.regression.balances import Record as Balances
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, in_time
-from pmsm_ctrl.regression.evaluated import record_as_evaluated
+from pmsm_ctrl.regression.evaluated import record_as_evaluated, sampled_alike
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import parts_of
 from pmsm_ctrl.regression.prediction import Prediction, predict
@@ -296,9 +296,7 @@ def compare(
     for number, one in enumerate(holdouts, start=1):
         held_out = doubts_about(design, one)
         same = Processing(standstill=STANDSTILL, cutoff=min(balances.cutoff, one.rate / 8.0))
-        alike = make_record(design, held_out.log, same, balances.age_elsewhere, balances.timing)
-        alike = replace(alike, commanded=balances.commanded)
-        predicted = predict(design, alike, prediction)
+        predicted = predict(design, sampled_alike(design, held_out.log, same, balances), prediction)
         held = _record(design, held_out.log, predicted, partial(_advanced, advance, part, number))
         others.append(replace(held, name=one.provenance.file or "the holdout"))
         of_other = (*map(of_holdout, held_out.notices), *held.notices)
@@ -318,10 +316,7 @@ def _advanced(advance: Callable[[float], None], part: float, done: int, share: f
 def _conditioned(design: Design, log: Log, processing: Processing | None) -> Balances:
     """Return the balances of a log as every fit sees them; in a band that is asked for, sampled as in the usual one."""
     usual = record_as_evaluated(design, log)
-    if processing is None:
-        return usual
-    asked = make_record(design, log, processing, usual.age_elsewhere, usual.timing)
-    return replace(asked, commanded=usual.commanded)
+    return usual if processing is None else sampled_alike(design, log, processing, usual)
 
 
 def _record(design: Design, log: Log, prediction: Prediction, progress: Callable[[float], None]) -> Record:

@@ -53,10 +53,11 @@ from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import LogError, RequestError, nearest
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
-from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
+from pmsm_ctrl.regression.balances import STANDSTILL, Record
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.encoder_lines import LINES
+from pmsm_ctrl.regression.evaluated import sampled_alike
 from pmsm_ctrl.regression.fast_orders import WIDEST, beyond_band, orders_beyond
 from pmsm_ctrl.regression.joining import name_of as name_of_log
 from pmsm_ctrl.regression.made import Made, for_design
@@ -457,9 +458,9 @@ def condition(
     for holdout in holdouts:
         held_out = doubts_about(design, holdout)
         same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, holdout.rate / 8.0))
-        other = make_record(design, held_out.log, same, record.age_elsewhere, record.timing)
+        other = sampled_alike(design, held_out.log, same, record)
         # whatever it is made of, nothing is fitted to it
-        others.append(replace(other, records=(), weighing=None, commanded=record.commanded))
+        others.append(replace(other, records=(), weighing=None))
         remarks += map(of_holdout, held_out.notices)
     names = tuple(name_of_log(one, number) for number, one in enumerate(holdouts, start=1))
     again = partial(condition, design, log, holdouts, offered, policy, made)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, with_inertia
-from pmsm_ctrl.regression.balances import STANDSTILL, make_record
+from pmsm_ctrl.regression.balances import STANDSTILL
 from pmsm_ctrl.regression.conditioning import Processing
-from pmsm_ctrl.regression.evaluated import record_as_evaluated
+from pmsm_ctrl.regression.evaluated import record_as_evaluated, sampled_alike
 from pmsm_ctrl.regression.prediction import predict
 
 __all__ = ["LogErrors", "errors_on_log", "joint_design"]
@@ -78,8 +78,7 @@ def errors_on_log(design: Design, logs: Logs, level: float, slope: float) -> Log
     held = joint_design(design, level, slope)
     # the same samples in the same band, sampled in the same way
     same = Processing(standstill=STANDSTILL, cutoff=balances.cutoff)
-    alike = make_record(held, log, same, balances.age_elsewhere, balances.timing)
-    alike = replace(alike, commanded=balances.commanded)
+    alike = sampled_alike(held, log, same, balances)
     full = predict(design, balances)
     joint = predict(held, alike, full)
     used = balances.mask & alike.mask

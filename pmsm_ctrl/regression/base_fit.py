@@ -26,7 +26,8 @@ from pmsm_ctrl.regression.saturated import Saturated, rough_solution, rough_weig
 from pmsm_ctrl.regression.spread import with_spread
 
 __all__ = [
-    "SETTLED", "Accepted", "Estimated", "Settled", "assembled", "base_fit", "delay_of", "estimated", "false_torque",
+    "SETTLED", "Accepted", "Estimated", "Settled", "assembled", "base_fit", "delay_of", "error_left", "estimated",
+    "false_torque",
     "laid_out_again", "settled_model", "true_torque", "weighted", "with_bristles", "with_priors",
 ]  # fmt: skip
 
@@ -125,6 +126,20 @@ class Estimated:
         """Return a parameter without bounds, and its standard error."""
         k = self.model.names.index(name)
         return float(self.plain.values[k]), float(self.plain.stderr[k])
+
+
+def error_left(record: Record, fit: Estimated) -> float:
+    """Return the weighted rms error of the torque balance, as a share of the torque.
+
+    Parameters
+    ----------
+    record : Record
+    fit : Estimated
+        Of the base model to that record.
+    """
+    weight = record.weight[0] * record.mask
+    left = (record.target[0] - fit.weighted.predicted()[0]) * weight
+    return float(np.linalg.norm(left)) / max(float(np.linalg.norm(record.target[0] * weight)), 1e-300)
 
 
 def base_fit(design: Design, record: Record, settled: bool = True) -> Estimated:

@@ -80,7 +80,7 @@ def direction_of(
     direction = timed_sign(omega)
     long = np.zeros(len(omega), dtype=bool)
     for piece in stretches(rests):
-        if piece.stop - piece.start > round(REST * prepared.rate, 6):
+        if piece.stop - piece.start > round(REST * prepared.rate, 6):  # a rate of 250 Hz may be one of 249.999
             long[piece] = True
     free = ~long & measured
     level = J = 0.0

@@ -13,7 +13,7 @@ from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.regression.timed_record import of_one_axis, timed_record
 
-__all__ = ["as_compared", "record_as_evaluated", "with_evaluation", "without_stretches"]
+__all__ = ["as_compared", "record_as_evaluated", "sampled_alike", "with_evaluation", "without_stretches"]
 
 AROUND = 2.0  # periods of the cutoff that are left out on either side of a stretch
 
@@ -62,9 +62,24 @@ def record_as_evaluated(design: Design, log: Log) -> Record:
     age = None if known.age is None else DriveTiming(known.age, known.speed_filter)
     timing = DriveTiming(known.late, known.filter, reversals=known.reversals)
     record = make_record(design, log, processing, age, timing, known.weight, known.edges)
-    record = without_stretches(record, known.left_out, known.changes)
+    record = without_stretches(replace(record, commanded=known.commanded), known.left_out, known.changes)
     record = of_one_axis(design, record) if record.records else record
-    return replace(record, lines=known.encoder_lines, commanded=known.commanded)
+    return replace(record, lines=known.encoder_lines, memo={}, kept={})
+
+
+def sampled_alike(design: Design, log: Log, processing: Processing, like: Record) -> Record:
+    """Condition a log as one that was sampled in the same way as that of a record.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+        Another one; or the same one, in another band or for another design.
+    processing : Processing
+    like : Record
+    """
+    record = make_record(design, log, processing, like.age_elsewhere, like.timing)
+    return replace(record, commanded=like.commanded)
 
 
 def as_compared(design: Design, record: Record, log: Log) -> Record:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.regression.balances import STANDSTILL, Record
-from pmsm_ctrl.regression.base_fit import Estimated, base_fit
+from pmsm_ctrl.regression.base_fit import Estimated, base_fit, error_left
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import LATENESS, SURE
 from pmsm_ctrl.regression.made import Made
 
-__all__ = ["error_left", "in_time_at_reversals"]
+__all__ = ["in_time_at_reversals"]
 
 LATE = 5e-4  # s: a delay below it moves a reversal by no more than the uncertainty of its moment
 
@@ -42,17 +40,3 @@ def in_time_at_reversals(design: Design, made: Made, record: Record, fit: Estima
     again = made.record(design, same, None, replace(record.timing, reversals=late))
     found = base_fit(design, again)
     return (again, found) if error_left(again, found) < error_left(record, fit) else (record, fit)
-
-
-def error_left(record: Record, fit: Estimated) -> float:
-    """Return the weighted rms error of the torque balance, as a share of the torque.
-
-    Parameters
-    ----------
-    record : Record
-    fit : Estimated
-        Of the base model to that record.
-    """
-    weight = record.weight[0] * record.mask
-    left = (record.target[0] - fit.weighted.predicted()[0]) * weight
-    return float(np.linalg.norm(left)) / max(float(np.linalg.norm(record.target[0] * weight)), 1e-300)

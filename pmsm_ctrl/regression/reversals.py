@@ -105,15 +105,15 @@ def _uncertain(
     Of turns close together the smoothed speed tells the fast ones. The others are followed to halfway to their
     neighbours, and two of which one is slow, or those that are all slow, as one.
     """
+    needed = ROUNDED * 2.0 / J * reach * period / (2.0 * np.pi) / CLEAR  # change of the speed in a sample
     for first, last in _parts(omega, resting, reach):
         turns = first + np.flatnonzero(omega[first:last] * omega[first + 1 : last + 1] < 0.0)
-        needed = ROUNDED * 2.0 / J * reach * period / (2.0 * np.pi) / CLEAR  # change of the speed in a sample
         slow = np.abs(omega[turns + 1] - omega[turns]) < needed
         for k, (this, then) in enumerate(itertools.pairwise(turns.tolist())):
             if then - this < reach or np.max(np.abs(omega[this + 1 : then + 1])) < 0.5 * reach * needed:
                 slow[k : k + 2] = True  # what lies in between is no longer, or no faster, than what smoothing makes
-        as_one = len(turns) <= MOST_TURNS and slow.any()
-        if as_one or len(turns) < 2 or slow.all() or resting[first : last + 1].any():
+        as_one = len(turns) < 2 or slow.all() or (len(turns) <= MOST_TURNS and slow.any())
+        if as_one or resting[first : last + 1].any():
             yield first, last, first - reach, last + reach + 1
             continue
         apart = np.minimum(np.diff(turns, prepend=turns[0] - 2 * reach, append=turns[-1] + 2 * reach) // 2, reach)

@@ -15,7 +15,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.angle_zero import turned_by, with_common_zero
 from pmsm_ctrl.regression.balances import ALWAYS, STANDSTILL, USABLE, Record
 from pmsm_ctrl.regression.bandwidth import signal_band
-from pmsm_ctrl.regression.base_fit import Estimated, base_fit, settled_model
+from pmsm_ctrl.regression.base_fit import Estimated, base_fit, error_left, settled_model
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.drive_timing import (
     AGE,
@@ -44,7 +44,7 @@ from pmsm_ctrl.regression.edges import WRONG_TORQUE, steep
 from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.filter_profile import LOWERED, by_profile
 from pmsm_ctrl.regression.instruments import by_reference
-from pmsm_ctrl.regression.late_reversals import error_left, in_time_at_reversals
+from pmsm_ctrl.regression.late_reversals import in_time_at_reversals
 from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.model import FIXED, MOST_NOISE, noise_share
 from pmsm_ctrl.regression.notices import (

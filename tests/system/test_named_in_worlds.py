@@ -16,7 +16,6 @@ from tests.effort import slow
 
 # Starts that no dry friction explains are left out, 1 to 2 % of the samples: p = 0.012 in the usual band then.
 FEWER_STARTS = pytest.mark.xfail(strict=True, reason="on the edge, and lost with the samples of a few starts")
-# A column of the back-emf that was aliased had taken up what the log's filter leaves; without it rivals do.
 
 
 def test_an_effect_that_noise_hides_in_the_usual_band_is_found_in_half_of_it() -> None:
@@ -358,6 +357,13 @@ def test_a_filter_that_reaches_into_the_band_of_a_slow_log_is_no_effect(seed: in
     assert found.steps == ()
     assert found.timing.lag == pytest.approx(lag, rel=0.1)
     assert world.lag == pytest.approx(lag, rel=1e-2)
+
+
+@pytest.mark.slow
+def test_the_filter_of_a_log_in_which_a_gap_is_named_is_found() -> None:
+    world = draw(1250034, log_rate=250.0)
+    found = diagnose(world.design, simulate_world(world), plan=False)
+    assert found.timing.lag == pytest.approx(world.lag, rel=0.1)
 
 
 @pytest.mark.parametrize(("seed", "why"), [(1250082, "held reference"), (1250053, "F_v would be negative")])
