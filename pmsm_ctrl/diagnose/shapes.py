@@ -42,6 +42,9 @@ DIFFERENCE, LONGEST, SETTLED = 0.05, 20.0, 0.02
 HALVINGS = 4
 # How straight the prediction must be over that step: left of it, as a share of its change.
 STRAIGHT = 0.5
+# Standard deviation of a shape's logarithm before any log: a thousand from end to end, evenly, as the searches span.
+# A slope at one shape says nothing of others that are a million times as large.
+KNOWN_BEFORE = 2.0
 
 
 def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
@@ -68,10 +71,10 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
             return _with_errors(fit) if delayed else fit
         columns = slice(len(fit.model.names), None)
         for _ in range(ROUNDS):
-            tangent = tangent_of(design, fit, free)
+            longest = LONGEST * straight_over(fit.accepted, free)
+            tangent = tangent_of(design, fit, free, longest)
             step, stderr = tangent.values[columns], tangent.stderr[columns]
             del tangent  # with its columns, which the next one has again
-            longest = LONGEST * straight_over(fit.accepted, free)
             moved = _moved(design, fit, free, np.clip(step, -longest, longest))
             if moved is None or np.all(np.abs(step) <= SETTLED * stderr):
                 break
@@ -279,8 +282,10 @@ def moved_to(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Fit
     return replace(fit, record=record, model=model, accepted=accepted, plain=solved, estimate=solved)
 
 
-def tangent_of(design: Design, fit: Fitted, free: Sequence[Free]) -> Solved:
+def tangent_of(design: Design, fit: Fitted, free: Sequence[Free], within: float | Array = KNOWN_BEFORE) -> Solved:
     """Solve the model with a column for every shape, behind all others: the prediction's slope over its logarithm.
+
+    A shape that hardly changes the prediction would be far away, and the others where they balance it there.
 
     Parameters
     ----------
@@ -288,6 +293,8 @@ def tangent_of(design: Design, fit: Fitted, free: Sequence[Free]) -> Solved:
     fit : Fitted
     free : sequence of (int, str)
         Positions among the accepted effects, and names in their shapes.
+    within : float or array, shape (len(free),)
+        Standard deviation of the change of each logarithm: how far the slope is trusted (Levenberg and Marquardt).
 
     Raises
     ------
@@ -304,7 +311,7 @@ def tangent_of(design: Design, fit: Fitted, free: Sequence[Free]) -> Solved:
         if not np.any(slopes[-1]):
             raise UnavailableError("a shape does nothing")
     rows = tuple(row if np.any(row) else None for row in np.array(slopes).swapaxes(0, 1))
-    model = fit.model.plus(Group(None, tuple(f"shape {k}" for k in range(len(free))), rows, {}))
+    model = fit.model.plus(Group(None, tuple(f"shape {k}" for k in range(len(free))), rows, {}), within)
     return solve_model(fit.record, model, fit.weights, fit.plain)
 
 
