@@ -334,7 +334,8 @@ def conditioned_again(case: Case, found: Selection, select: Callable[[Case], Sel
     (Case, Selection)
     """
     usual = case
-    if len(found.steps) > 1 and found.accepted[0].effect.enters != "measurement":
+    first = found.accepted[0].effect if found.steps else None
+    if first and (len(found.steps) > 1 or first.structure.replaces_direction) and first.enters != "measurement":
         case, found = _conditioned_with(1, usual, (case, found), select)
     late = next((number for number, one in enumerate(found.accepted, start=1) if one.effect.structure.delays), 0)
     return _conditioned_with(late, usual, (case, found), select) if late else (case, found)

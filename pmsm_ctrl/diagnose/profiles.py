@@ -284,7 +284,7 @@ def _least(design: Design, walks: _Walks, one: _Parameter, step: float) -> float
         best = min((best, _placed(design, best, one, others, guess, step)), key=lambda there: there.estimate.chi2)
     for _ in range(ROUNDS if others else 0):
         longest = LONGEST * straight_over(best.accepted, others)
-        move = np.clip(_downhill(design, best, one, others, longest), -longest, longest)
+        move = np.clip(_downhill(design, best, one, others), -longest, longest)
         steps = (_placed(design, best, one, others, move / 2.0**k, step) for k in range(HALVINGS))
         better = next((there for there in steps if there.estimate.chi2 < best.estimate.chi2), None)
         if better is None:
@@ -306,9 +306,9 @@ def _placed(design: Design, base: Fitted, one: _Parameter, which: Sequence[Free]
     return replace(there, estimate=holding(there.plain, {one.column: factor}))
 
 
-def _downhill(design: Design, fit: Fitted, one: _Parameter, others: Sequence[Free], longest: Array) -> Array:
-    """Return the Gauss-Newton step of the other shapes, damped; the factor that is held follows them."""
-    tangent, count = tangent_of(design, fit, others, longest), len(fit.model.names)
+def _downhill(design: Design, fit: Fitted, one: _Parameter, others: Sequence[Free]) -> Array:
+    """Return the Gauss-Newton step of the other shapes; the factor that is held follows them."""
+    tangent, count = tangent_of(design, fit, others), len(fit.model.names)
     triangle, along = tangent.triangle.copy(), tangent.along.copy()
     if one.free is None:
         own = [(count + k, name) for k, (number, name) in enumerate(others) if number == one.number]

@@ -8,7 +8,7 @@ Source: G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413, variable pr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -71,11 +71,11 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
             return _with_errors(fit) if delayed else fit
         columns = slice(len(fit.model.names), None)
         for _ in range(ROUNDS):
-            longest = LONGEST * straight_over(fit.accepted, free)
-            tangent = tangent_of(design, fit, free, longest)
-            step, stderr = tangent.values[columns], tangent.stderr[columns]
+            tangent = tangent_of(design, fit, free)
+            step, stderr, inverse = tangent.values[columns], tangent.stderr[columns], tangent.inverse[columns]
             del tangent  # with its columns, which the next one has again
-            moved = _moved(design, fit, free, np.clip(step, -longest, longest))
+            longest = LONGEST * straight_over(fit.accepted, free)
+            moved = _moved(design, fit, free, lambda share: trusted(step, inverse, share * longest))
             if moved is None or np.all(np.abs(step) <= SETTLED * stderr):
                 break
             fit = _reading_its_torque(design, moved)
@@ -282,10 +282,10 @@ def moved_to(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Fit
     return replace(fit, record=record, model=model, accepted=accepted, plain=solved, estimate=solved)
 
 
-def tangent_of(design: Design, fit: Fitted, free: Sequence[Free], within: float | Array = KNOWN_BEFORE) -> Solved:
+def tangent_of(design: Design, fit: Fitted, free: Sequence[Free]) -> Solved:
     """Solve the model with a column for every shape, behind all others: the prediction's slope over its logarithm.
 
-    A shape that hardly changes the prediction would be far away, and the others where they balance it there.
+    A shape that hardly changes the prediction makes the others no less certain than it may be itself.
 
     Parameters
     ----------
@@ -293,8 +293,6 @@ def tangent_of(design: Design, fit: Fitted, free: Sequence[Free], within: float 
     fit : Fitted
     free : sequence of (int, str)
         Positions among the accepted effects, and names in their shapes.
-    within : float or array, shape (len(free),)
-        Standard deviation of the change of each logarithm: how far the slope is trusted (Levenberg and Marquardt).
 
     Raises
     ------
@@ -311,15 +309,38 @@ def tangent_of(design: Design, fit: Fitted, free: Sequence[Free], within: float 
         if not np.any(slopes[-1]):
             raise UnavailableError("a shape does nothing")
     rows = tuple(row if np.any(row) else None for row in np.array(slopes).swapaxes(0, 1))
-    model = fit.model.plus(Group(None, tuple(f"shape {k}" for k in range(len(free))), rows, {}), within)
+    model = fit.model.plus(Group(None, tuple(f"shape {k}" for k in range(len(free))), rows, {}), KNOWN_BEFORE)
     return solve_model(fit.record, model, fit.weights, fit.plain)
 
 
-def _moved(design: Design, fit: Fitted, free: Sequence[Free], step: Array) -> Fitted | None:
-    """Return the fit at moved shapes, without their errors; None where no part of the step makes it better."""
+def trusted(step: Array, inverse: Array, longest: Array) -> Array:
+    """Return the damped step that is nowhere longer than this: the less a shape matters, the less of its part is left.
+
+    Cut off at its length each on its own, a step would lead another way: one shape far, and the others to where they
+    would balance it further still. Source: J. J. More, Lecture Notes in Mathematics 630 (1978) 105.
+
+    Parameters
+    ----------
+    step : array, shape (k,)
+        By Gauss and Newton.
+    inverse : array, shape (k, rank)
+        From the directions of the fit to it: its covariance is that of these rows.
+    longest : array, shape (k,)
+    """
+    left, size, _ = np.linalg.svd(inverse / longest[:, None], full_matrices=False)
+    along = left.T @ (step / longest)
+    damped, damping = along, 0.0
+    while np.max(np.abs(left @ damped)) > 1.0:
+        damping = 2.0 * damping or 1.0 / float(size[0]) ** 2
+        damped = along / (1.0 + damping * size**2)
+    return np.asarray(longest * (left @ damped))
+
+
+def _moved(design: Design, fit: Fitted, free: Sequence[Free], step: Callable[[float], Array]) -> Fitted | None:
+    """Return the fit at moved shapes, without their errors; None where no step makes it better, however short."""
     before = fit.estimate.chi2
     for halved in range(HALVINGS):
-        accepted = shifted(fit.accepted, free, step / 2.0**halved)
+        accepted = shifted(fit.accepted, free, step(0.5**halved))
         record, model = _model(design, fit, accepted)
         solved = solve_model(record, model, fit.weights, fit.plain)
         inside = bounded(solved)

@@ -13,6 +13,7 @@ from pmsm_ctrl.plausibility.relations import (
     BOXES,
     Evidence,
     Fit,
+    bristle_balance,
     fitted,
     moved,
     torque_balance,
@@ -28,7 +29,8 @@ Array = NDArray[np.float64]
 def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...]]:
     """Say by how much the current or torque is late against the motion, where sampling does not explain it.
 
-    A lag that no correction of sampling instants reaches is taken out of the log.
+    A lag that no correction of sampling instants reaches is taken out of the log. It has to explain far more than a
+    friction that bends before it slides, which is an effect and no fault of the recorder.
     """
     fit, lag, width = evidence.narrow, evidence.lag, evidence.bins.width
     slope = fit.ratio("late", -1.0) if fit is not None else None
@@ -39,6 +41,10 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...]]
         return log, ()
     if -POLICY.beyond <= late < 0.0 and "theta" not in log:
         return log, ()  # drives filter a speed: the fits find by how much
+    if late > 0.0 and "theta" in log:  # around a reversal both look alike
+        bends = bristle_balance(evidence.bins, evidence.torque, log["theta"])
+        if bends is not None and fit.left > POLICY.late_gain * bends.left:
+            return log, ()
     filtered = False
     if late > 0.0:
         # y + tau y' is the torque exactly behind a filter of first order; behind a delay the lag in bins is better

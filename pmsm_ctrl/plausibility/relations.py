@@ -18,7 +18,7 @@ from pmsm_ctrl.plausibility.bins import Bins
 from pmsm_ctrl.plausibility.policy import POLICY
 
 __all__ = [
-    "BOXES", "Evidence", "Fit", "Ratio", "evidence_of", "fitted", "moved", "torque_balance", "voltage_balances",
+    "BOXES", "Evidence", "Fit", "Ratio", "bristle_balance", "evidence_of", "fitted", "moved", "torque_balance", "voltage_balances",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -31,6 +31,7 @@ FEWEST = 60  # rows of a regression
 STEADY = 0.25  # of a speed that a window four times as wide leaves at least
 BIASED = 0.5  # share of what is left that may act along a column
 BOXES = 4  # bins of a window's boxes, 20 ms at 5 ms
+REACHES = np.geomspace(1e-4, 0.1, 16)  # of the travel, by which friction bends before it slides
 WIDE = 16  # of a window in which even a coarse angle has an acceleration
 
 
@@ -176,16 +177,45 @@ def _sliding(bins: Bins, boxes: int) -> NDArray[np.bool_]:
     return free if free.sum() > FEW * fast.sum() else fast
 
 
+def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
+    """Regress the torque, in time, on acceleration and a friction that bends before it slides, by what explains it best.
+
+    Parameters
+    ----------
+    bins : Bins
+    torque : array, shape (m,)
+    angle : array, shape (n,)
+        Of the log that the bins were made of.
+    """
+    from pmsm_ctrl.kernels.springs import slider
+
+    motion = moved(bins)
+    if motion is None:
+        return None
+    used, seen, bent = _sliding(bins, BOXES), bins.smooth(torque, BOXES), np.empty(len(angle))
+    fits = []
+    for reach in (REACHES * np.ptp(angle)).tolist():
+        slider(np.ascontiguousarray(angle), reach, bent)
+        whole = bent[: len(bins.t) * bins.samples].reshape(-1, bins.samples).mean(axis=1) / reach
+        fits.append(_balance(bins, motion, used, seen, 0, side=bins.smooth(whole, BOXES)))
+    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.left, default=None)
+
+
 def _balance(
-    bins: Bins, motion: tuple[Array, Array], used: NDArray[np.bool_], torque: Array, lag: int, step: int = 1
-) -> Fit | None:
-    """Regress a torque in windows, taken `lag` bins later; every `step`-th of the used windows takes part."""
+    bins: Bins, motion: tuple[Array, Array], used: NDArray[np.bool_], torque: Array, lag: int, step: int = 1,
+    side: Array | None = None,
+) -> Fit | None:  # fmt: skip
+    """Regress a torque in windows, taken `lag` bins later; every `step`-th of the used windows takes part.
+
+    With `side` the dry friction follows it in place of the direction, and the torque is in time.
+    """
     omega, alpha = motion
     y = np.roll(torque, -lag)
     if lag:
         y[: max(0, -lag)] = y[len(y) - max(0, lag) :] = np.nan
-    side = np.sign(np.where(used, omega, 0.0))
-    columns = {"J": alpha, "F_c": side, "F_v": omega, "constant": np.ones_like(y), "late": np.gradient(y, bins.width)}
+    columns = {"J": alpha, "F_c": side, "F_v": omega, "constant": np.ones_like(y)}
+    if side is None:
+        columns |= {"F_c": np.sign(np.where(used, omega, 0.0)), "late": np.gradient(y, bins.width)}
     return fitted(y[::step], {name: values[::step] for name, values in columns.items()}, used[::step])
 
 

@@ -107,8 +107,8 @@ class Model:
             views.append(replace(group, rows=rows))
         return cls(tuple(views), names, nominal, sigma, stored.swapaxes(1, 2))
 
-    def plus(self, group: Group, prior: float | Array = np.inf) -> Model:
-        """Return a copy with one more group, whose values are known to within `prior`, or each within its own."""
+    def plus(self, group: Group, prior: float = np.inf) -> Model:
+        """Return a copy with one more group, whose values are known to within `prior`."""
         k = len(group.symbols)
         count = sum(n.split("#")[0] in group.symbols for n in self.names) // max(k, 1)
         names = tuple(f"{s}#{count + 1}" if count else s for s in group.symbols)
