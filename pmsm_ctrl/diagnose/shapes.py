@@ -8,7 +8,7 @@ Source: G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413, variable pr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +27,7 @@ from pmsm_ctrl.regression.modelled import with_direction, with_modelled_torque
 
 __all__ = [
     "LONGEST", "Free", "moved_to", "searched", "shifted", "sizes_in_shape", "straight_over", "tangent_of",
-    "with_shapes_fitted",
+    "trusted", "with_shapes_fitted",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
             step, stderr, inverse = tangent.values[columns], tangent.stderr[columns], tangent.inverse[columns]
             del tangent  # with its columns, which the next one has again
             longest = LONGEST * straight_over(fit.accepted, free)
-            moved = _moved(design, fit, free, lambda share: trusted(step, inverse, share * longest))
+            moved = _moved(design, fit, free, (step, inverse, longest))
             if moved is None or np.all(np.abs(step) <= SETTLED * stderr):
                 break
             fit = _reading_its_torque(design, moved)
@@ -336,11 +336,11 @@ def trusted(step: Array, inverse: Array, longest: Array) -> Array:
     return np.asarray(longest * (left @ damped))
 
 
-def _moved(design: Design, fit: Fitted, free: Sequence[Free], step: Callable[[float], Array]) -> Fitted | None:
-    """Return the fit at moved shapes, without their errors; None where no step makes it better, however short."""
-    before = fit.estimate.chi2
+def _moved(design: Design, fit: Fitted, free: Sequence[Free], step: tuple[Array, Array, Array]) -> Fitted | None:
+    """Return the fit at moved shapes, without their errors; None where no step of `trusted` makes it better."""
+    before, (whole, inverse, longest) = fit.estimate.chi2, step
     for halved in range(HALVINGS):
-        accepted = shifted(fit.accepted, free, step(0.5**halved))
+        accepted = shifted(fit.accepted, free, trusted(whole, inverse, longest / 2.0**halved))
         record, model = _model(design, fit, accepted)
         solved = solve_model(record, model, fit.weights, fit.plain)
         inside = bounded(solved)

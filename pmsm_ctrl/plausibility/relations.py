@@ -18,7 +18,8 @@ from pmsm_ctrl.plausibility.bins import Bins
 from pmsm_ctrl.plausibility.policy import POLICY
 
 __all__ = [
-    "BOXES", "Evidence", "Fit", "Ratio", "bristle_balance", "evidence_of", "fitted", "moved", "torque_balance", "voltage_balances",
+    "BOXES", "Evidence", "Fit", "Ratio", "bristle_balance", "evidence_of", "fitted", "moved", "torque_balance",
+    "voltage_balances",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -178,7 +179,7 @@ def _sliding(bins: Bins, boxes: int) -> NDArray[np.bool_]:
 
 
 def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
-    """Regress the torque, in time, on acceleration and a friction that bends before it slides, by what explains it best.
+    """Regress the torque, in time, on acceleration and the friction of a spring that slides; the best of some springs.
 
     Parameters
     ----------
@@ -213,17 +214,22 @@ def _balance(
     y = np.roll(torque, -lag)
     if lag:
         y[: max(0, -lag)] = y[len(y) - max(0, lag) :] = np.nan
-    columns = {"J": alpha, "F_c": side, "F_v": omega, "constant": np.ones_like(y)}
+    columns = {"J": alpha, "F_v": omega, "constant": np.ones_like(y)}
     if side is None:
         columns |= {"F_c": np.sign(np.where(used, omega, 0.0)), "late": np.gradient(y, bins.width)}
+    else:
+        columns["F_c"] = side
     return fitted(y[::step], {name: values[::step] for name, values in columns.items()}, used[::step])
 
 
 def voltage_balances(
     bins: Bins, p: float, names: Sequence[str] = ("u_d", "u_q", "i_d", "i_q")
 ) -> dict[str, Fit | None]:
-    """Regress u_d and u_q on the winding; `names` are the channels that stand for them."""
-    have = bins.channels
+    """Regress u_d and u_q on the winding; `names` are the channels that stand for them.
+
+    Most drives keep i_d at zero: that stands for one that is not logged.
+    """
+    have = {"i_d": np.zeros_like(bins.t), **bins.channels}
     if any(name not in have for name in names):
         return {}
     motion = moved(bins, BOXES)

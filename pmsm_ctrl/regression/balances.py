@@ -34,7 +34,7 @@ from pmsm_ctrl.regression.edges import MAD, WRONG_TORQUE
 from pmsm_ctrl.regression.encoder_steps import angle_steps, errors_by_steps, rough_acceleration
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
-from pmsm_ctrl.regression.notices import LONG_LOG, TORQUE_JUMPS
+from pmsm_ctrl.regression.notices import ASSUMED_I_D, LONG_LOG, TORQUE_JUMPS
 from pmsm_ctrl.regression.thinning import interpolated
 from pmsm_ctrl.regression.timing import ending_steadily, punctual, time_in_gaps
 from pmsm_ctrl.regression.weights import Weighing, at_given_rate, on_grid, quantisation_error, voltage_weights
@@ -367,6 +367,11 @@ def make_record(
     return wide if short is not None or wide.usable > record.usable else record
 
 
+def _assumed_i_d(log: Log) -> Notice:
+    """Say what stands for the d-current in the voltage balances of a log without it: most drives keep it at zero."""
+    return ASSUMED_I_D(assumed="its reference" if "i_d_ref" in log else "i_d = 0")
+
+
 def _made(
     design: Design, log: Log, processing: Processing, age: DriveTiming | None, timing: DriveTiming,
     wrong: float, edges: float,
@@ -403,8 +408,9 @@ def _made(
         direction, sure, kink, turning = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps)
     signals["direction"] = direction
     channels = ["torque"]
-    if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
+    if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")):
         channels += ["u_d", "u_q"]
+    assumed = [_assumed_i_d(log)] if len(channels) > 1 and "i_d" not in raw else []
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     moving = (sure & _edges(prepared) & measured)[prepared.keep]
     level = np.hypot(*target[1:]) if len(channels) > 1 else np.zeros(0)
@@ -420,7 +426,7 @@ def _made(
     notes = (note for note in prepared.notes if note.code != TORQUE_JUMPS.code)  # edges are weighed here, not left out
     return Record(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
-        np.array(levels), kink[0], (*few, *_too_long(given, log), *notes),
+        np.array(levels), kink[0], (*few, *_too_long(given, log), *assumed, *notes),
         None if "theta" in log else age, "theta" in log, timing=timing, sampling=sampling, early=early,
         sampling_stated=drive_sampling(design, log).stated,
         commanded=drive_sampling(design, log).sampling == "command", unseen=time_in_gaps(log), records=log.records,

@@ -6,6 +6,7 @@ from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.section import Template
 
 __all__ = [
+    "ASSUMED_I_D",
     "CHANNEL_LEFT_OUT",
     "COARSE_ANGLE",
     "DEAD_VOLTAGES",
@@ -46,6 +47,11 @@ LONG_LOG = Template(
     "long_log",
     "{samples} samples are evaluated at {rate:.4g} Hz in place of {given:.4g} Hz, to limit the memory: "
     "content above {fastest:.2g} Hz is lost; a shorter part of the log is evaluated at its own rate",
+)
+ASSUMED_I_D = Template(
+    "i_d_assumed",
+    "i_d is not logged: u_d and u_q are evaluated with {assumed}, as of a drive that keeps it there; log i_d where the "
+    "field is weakened",
 )
 DEAD_VOLTAGES = Template("dead_voltages", "{channels} zero throughout: not used")
 ENCODER_LINES = Template(
