@@ -345,7 +345,8 @@ def inside_tolerance(
 ) -> Refusal | None:
     """Check that no parameter of the machine leaves its tolerance with an effect, by more than that tolerance.
 
-    One that is outside without the effect as well is a wrong value of the design, whatever else is missing.
+    One that is outside without the effect as well is a wrong value of the design, whatever else is missing. One that
+    the log does not tell to within its tolerance without the effect has not moved.
 
     Parameters
     ----------
@@ -355,6 +356,8 @@ def inside_tolerance(
     """
     for name, one in after.items():
         was, allowed = before[name].value, one.tolerance * one.nominal
+        if before[name].stderr > allowed:
+            continue
         outside = abs(one.value - one.nominal) - allowed > policy.sure_errors * one.stderr
         if outside and abs(one.value - was) > allowed >= abs(was - one.nominal):
             return Refusal(Reason.OUT_OF_TOLERANCE, {"parameter": name, "before": was, "value": one.value})

@@ -32,7 +32,7 @@ FEWEST = 60  # rows of a regression
 STEADY = 0.25  # of a speed that a window four times as wide leaves at least
 BIASED = 0.5  # share of what is left that may act along a column
 BOXES = 4  # bins of a window's boxes, 20 ms at 5 ms
-REACHES = np.geomspace(1e-4, 0.1, 16)  # of the travel, by which friction bends before it slides
+REACHES = np.geomspace(1e-4, 0.1, 31)  # of the travel, by which friction bends before it slides
 WIDE = 16  # of a window in which even a coarse angle has an acceleration
 
 

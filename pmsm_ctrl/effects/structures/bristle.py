@@ -164,8 +164,11 @@ class Bristle(Structure):
         return dict(values)
 
     def bounds(self, effect: Effect, known: Known, shape: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """Return the bounds of the factor: a bristle carries the dry friction and nothing else."""
-        return {LEVEL: (0.5 * known.dry, 2.0 * known.dry) if known.dry > 0.0 else (0.0, np.inf)}
+        """Return the bounds of the factor: a bristle carries the dry friction and nothing else.
+
+        Without it the fit finds too little dry friction, by any amount, and not too much.
+        """
+        return {LEVEL: (0.5 * known.dry, np.inf)}
 
 
 def _deflection(effect: Effect) -> tuple[str, tuple[str, ...]]:
