@@ -233,7 +233,7 @@ def test_no_effect_moves_a_parameter_of_the_machine_out_of_its_tolerance(
 
 @pytest.mark.parametrize(("stderr", "passes"), [(1e-3, False), (7.3e-3, True)])
 def test_a_parameter_that_the_log_does_not_tell_has_not_moved(stderr: float, passes: bool) -> None:
-    """A drift of the friction was refused for an L_d of 16 +- 7 mH that became 8 mH: the log tells it with the drift."""
+    """A drift of the friction was refused for an L_d of 16 +- 7 mH that became 8: the log tells it with the drift."""
     before, after = (criteria.Machine(value, error, 0.0196, 0.2) for value, error in ((0.0159, stderr), (0.0079, 1e-4)))
     refusal = criteria.inside_tolerance({"L_d": before}, {"L_d": after})
     assert reason(refusal) is (None if passes else Reason.OUT_OF_TOLERANCE)
