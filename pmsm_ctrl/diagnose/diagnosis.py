@@ -8,7 +8,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 - `swap`: effects that another one can replace
 - `bands`: the same log in a narrower band, where nothing is named and where a name is checked
 - `above_band`: a wave of a turn where it is too fast for the band
-- `shapes`: nonlinear parameters, fitted together with all others
+- `final_fit`, `shapes`: nonlinear parameters, fitted together with all others
 - `unexplained`: structure of the residual that no effect explains
 - `experiment`: the motion that separates what this log cannot
 - `outcome`: parameters, errors, ranking and verdict, as a `result`
@@ -32,18 +32,17 @@ from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.events import events_of
 from pmsm_ctrl.diagnose.experiment import next_experiment
+from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.outcome import outcome
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.polish import with_polish
-from pmsm_ctrl.diagnose.profiles import with_profiles
 from pmsm_ctrl.diagnose.refusal import BESIDE_NOISE, Reason, Refusal
 from pmsm_ctrl.diagnose.resonance import compared, measured, started
 from pmsm_ctrl.diagnose.result import Diagnosis
 from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, significant, with_sampling_told
-from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.unexplained import unexplained
 from pmsm_ctrl.diagnose.verdict import explains_most, explains_most_beside_noise
@@ -288,11 +287,7 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
     if selection.steps:
         case.bands.clear()  # nothing is looked for in a narrower band
     selection = with_sampling_told(case, selection)
-    selection = selection.with_last_candidates()
-    last = with_profiles(case.design, with_shapes_fitted(case.design, selection.fit))
-    last = last.judging_itself() if len(last.record.mask) > SINGLE else last
-    selection = replace(selection, fits=(*selection.fits[:-1], last))
-    del last
+    selection = finally_fitted(case, selection.with_last_candidates())
     structure = None
     if same or _explains_most(case, selection):
         structure = unexplained(selection, case.policy)

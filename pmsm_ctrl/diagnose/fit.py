@@ -89,6 +89,8 @@ class Fitted:
         Positions among the accepted effects, and names in their shapes.
     rough : frozenset of int
         Positions of effects whose prediction is not linear over a shape, even locally; they have no standard errors.
+    unmoved : frozenset of (int, str)
+        Shapes that stay as they are, because the prediction is rough over them; what the effect is hangs on others.
     profiles : dict of (int, str) to (float, float)
         95 % intervals of the parameters whose sum of squares is no parabola, by position of the effect (`BASE` for the
         design's own) and symbol.
@@ -108,6 +110,7 @@ class Fitted:
     covariance: Array | None = None
     free: tuple[tuple[int, str], ...] = ()
     rough: frozenset[int] = frozenset()
+    unmoved: frozenset[tuple[int, str]] = frozenset()
     profiles: Mapping[tuple[int, str], tuple[float, float]] = field(default_factory=dict)
 
     # Read by a dozen criteria.
@@ -153,7 +156,7 @@ class Fitted:
         solved, plain = (solve_model(self.record, model, weights, like) for weights, like in judges)
         return replace(
             self, model=model, solved=solved, plain=plain, estimate=bounded(plain), accepted=self.accepted[:-1],
-            trials=(), closed=(), covariance=None, free=(), rough=frozenset(), profiles={},
+            trials=(), closed=(), covariance=None, free=(), rough=frozenset(), unmoved=frozenset(), profiles={},
         )  # fmt: skip
 
     def held_alike(self, after: Fitted) -> Fitted:

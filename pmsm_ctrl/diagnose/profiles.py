@@ -123,7 +123,8 @@ class _Walks:
     def over(cls, design: Design, fit: Fitted) -> _Walks:
         """Return what of a fit with its shapes fitted can be walked along."""
         count = len(fit.model.names)
-        shapes = tuple((n, s) for n, one in enumerate(fit.accepted) if n not in fit.rough for s in searched(one))
+        moving = ((n, s) for n, one in enumerate(fit.accepted) if n not in fit.rough for s in searched(one))
+        shapes = tuple(one for one in moving if one not in fit.unmoved)
         alone = np.diag(np.nan_to_num(fit.estimate.stderr) ** 2)
         covariance = alone if fit.covariance is None else fit.covariance
         spread: Array = np.sqrt(np.maximum(np.diag(covariance)[count:], 0.0))

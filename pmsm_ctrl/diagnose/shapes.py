@@ -50,9 +50,9 @@ KNOWN_BEFORE = 2.0
 def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
     """Return the fit at its best shapes, with standard errors that count the shapes among the parameters.
 
-    A shape at its bound, and a whole number, stay as they are and count as known. So do all of an effect over one of
-    whose shapes the prediction is rough, as that of a load that bounces between flanks is: a slope says nothing there,
-    and the effect has no standard errors.
+    A shape at its bound, and a whole number, stay as they are and count as known. So does one over which the prediction
+    is rough: a slope says nothing there. Where the effect is searched by it, as a load that bounces between flanks is,
+    all of its shapes stay, and it has no standard errors.
 
     Parameters
     ----------
@@ -61,9 +61,10 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
     """
     free = [(k, name) for k, one in enumerate(fit.accepted) for name in _free(one)]
     try:
-        rough = frozenset(k for k, name in free if _is_rough(design, fit, (k, name)))
-        fit = replace(fit, rough=rough)
-        free = [(k, name) for k, name in free if k not in rough]
+        over = {one for one in free if _is_rough(design, fit, one)}
+        rough = frozenset(k for k, name in over if not _is_beside(fit.accepted[k], name))
+        fit = replace(fit, rough=rough, unmoved=frozenset(one for one in over if one[0] not in rough))
+        free = [one for one in free if one[0] not in rough and one not in over]
         delayed = any(group.delays for group in fit.model.groups)
         if delayed:  # until now it is met within a share of a period
             fit = _reading_its_torque(design, fit)
@@ -185,6 +186,11 @@ def shifted(accepted: Sequence[Accepted], free: Sequence[Free], step: Array) -> 
             value = min(max(value, min(ends)), max(ends))
         out[k] = replace(one, shape={**one.shape, name: value})
     return tuple(out)
+
+
+def _is_beside(one: Accepted, name: str) -> bool:
+    """Whether a shape is fitted beside the search: the effect is what it is without it."""
+    return name in one.effect.structure.beside_the_search(one.effect)
 
 
 def _is_rough(design: Design, fit: Fitted, one: Free) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import POLICY, Diagnosis, add, diagnose, diagnosis
+from pmsm_ctrl.diagnose import POLICY, Diagnosis, add, diagnose, final_fit
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
@@ -98,7 +98,7 @@ def test_hidden_effect_is_named_first_and_its_parameters_are_found(
     blind: ModuleType, effect: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if effect != "presliding":  # intervals of the others: tests/unit/diagnose/test_profiles.py
-        monkeypatch.setattr(diagnosis, "with_profiles", lambda design, fit: fit)
+        monkeypatch.setattr(final_fit, "with_profiles", lambda design, fit: fit)
     motion = "identification" if effect in LONG | FURTHER else SHORT  # what --slow runs has the time
     case = blind.Case((effect,), STRONGER.get(effect, 1.0), motion, 1)
     result = blind.run(case)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pmsm_ctrl.diagnose import Diagnosis, diagnose, diagnosis
+from pmsm_ctrl.diagnose import Diagnosis, diagnose, final_fit
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from tests.benchmarks.other_plant import HIDDEN, other_log, right
@@ -87,7 +87,7 @@ def test_motions_of_machines_raise_no_alarm(kind: str, seed: int) -> None:
 @pytest.fixture
 def without_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the intervals of nonlinear parameters, which tests/unit/diagnose/test_profiles.py looks at."""
-    monkeypatch.setattr(diagnosis, "with_profiles", lambda design, fit: fit)
+    monkeypatch.setattr(final_fit, "with_profiles", lambda design, fit: fit)
 
 
 @pytest.mark.usefixtures("without_profiles")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pmsm_ctrl.diagnose import diagnose, diagnosis
+from pmsm_ctrl.diagnose import diagnose, final_fit
 from pmsm_ctrl.diagnose.adding import added
 from tests.benchmarks.worlds.hidden import EFFECTS, possible, simulate_with_truth, simulate_world
 from tests.benchmarks.worlds.margin import HALF, margin, seen
@@ -110,7 +110,7 @@ def test_a_load_whose_friction_holds_it_is_a_wall() -> None:
 @pytest.fixture
 def without_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the intervals of nonlinear parameters, which tests/unit/diagnose/test_profiles.py looks at."""
-    monkeypatch.setattr(diagnosis, "with_profiles", lambda design, fit: fit)
+    monkeypatch.setattr(final_fit, "with_profiles", lambda design, fit: fit)
 
 
 @pytest.mark.usefixtures("without_profiles")

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from pmsm_ctrl.cli import app
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import add, diagnose, diagnosis
+from pmsm_ctrl.diagnose import add, diagnose, final_fit
 from pmsm_ctrl.diagnose.adding import added
 from pmsm_ctrl.diagnose.fit import fit_design
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
@@ -44,7 +44,7 @@ def seed_motor(designs: Path) -> Design:
 @pytest.fixture
 def without_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the intervals of nonlinear parameters: of a bristle they take four times as long as all the rest."""
-    monkeypatch.setattr(diagnosis, "with_profiles", lambda design, fit: fit)
+    monkeypatch.setattr(final_fit, "with_profiles", lambda design, fit: fit)
 
 
 @pytest.mark.usefixtures("without_profiles")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, Log, diagnose
-from pmsm_ctrl.diagnose import Diagnosis, diagnosis
+from pmsm_ctrl.diagnose import Diagnosis, final_fit
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.regression.prediction import errors
 from tests.effort import seeds
@@ -82,7 +82,7 @@ def test_without_the_effect_the_residual_is_the_effect_and_noise(found: Diagnosi
 @pytest.fixture
 def without_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the intervals of nonlinear parameters: of a bristle they take four times as long as all the rest."""
-    monkeypatch.setattr(diagnosis, "with_profiles", lambda design, fit: fit)
+    monkeypatch.setattr(final_fit, "with_profiles", lambda design, fit: fit)
 
 
 @pytest.mark.usefixtures("without_profiles")

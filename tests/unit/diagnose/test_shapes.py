@@ -11,7 +11,9 @@ from scipy.optimize import curve_fit
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add
+from pmsm_ctrl.diagnose.final_fit import reaching_zero
 from pmsm_ctrl.diagnose.fit import Accepted
+from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.shapes import tangent_of
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.log import Log
@@ -79,3 +81,13 @@ def test_the_edges_of_what_an_exponent_avoids_are_bounds(n: float, at_bound: boo
     """A viscous friction that a drift left out of the model changes was called a drag of exponent 1.18."""
     drag = CATALOGUE["viscous_power"]
     assert drag.structure.at_bound(drag, {"n": n}) is at_bound
+
+
+@pytest.mark.parametrize(("ends", "refused"), [((0.0, 7.5e-4), True), ((1e-4, 7.5e-4), False), (None, False)])
+def test_a_size_whose_interval_reaches_zero_is_not_determined(ends: tuple[float, float] | None, refused: bool) -> None:
+    """A presliding was named in a clean log of sines: its deflection was 12 standard errors, its interval began at 0."""
+    shape = {"z_s": 6.2e-4, "z_b": 0.6, "tau_z": 1e-3}
+    bristle = Accepted(CATALOGUE["presliding"], shape, ({**shape, "z_s": 1e-4}, {**shape, "z_s": 1e-3}))
+    fit: Any = SimpleNamespace(accepted=(bristle,), profiles={} if ends is None else {(0, "z_s"): ends})
+    found = reaching_zero(fit)
+    assert (found is not None and found.reason is Reason.NOT_DETERMINED) is refused

@@ -1,0 +1,53 @@
+"""The last fit of a selection: its shapes fitted together with all other values, and their intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.profiles import with_profiles
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
+from pmsm_ctrl.diagnose.selection import Selection, name_of
+from pmsm_ctrl.diagnose.shapes import searched, with_shapes_fitted
+from pmsm_ctrl.regression.columns import SINGLE
+
+__all__ = ["finally_fitted", "reaching_zero"]
+
+
+def finally_fitted(case: Case, selection: Selection) -> Selection:
+    """Return the selection with its last fit finished; nothing is named where the first effect may be nothing.
+
+    Parameters
+    ----------
+    case : Case
+    selection : Selection
+    """
+    last = with_profiles(case.design, with_shapes_fitted(case.design, selection.fit))
+    refusal = reaching_zero(last)
+    if refusal is not None:
+        refused = {**selection.refused, name_of(selection.steps[0].trial): refusal}
+        return Selection((case.fit(()),), (), refused)
+    last = last.judging_itself() if len(last.record.mask) > SINGLE else last
+    return replace(selection, fits=(*selection.fits[:-1], last))
+
+
+def reaching_zero(fit: Fitted) -> Refusal | None:
+    """Return that the first effect may be nothing: the interval of a size that stands in its shape reaches zero.
+
+    A standard error says less: a deflection that is too small for the log has a steep side and a flat one.
+
+    Parameters
+    ----------
+    fit : Fitted
+        With its intervals.
+    """
+    if not fit.accepted:
+        return None
+    one = fit.accepted[0]
+    for name in sorted(set(one.effect.amplitudes) & set(searched(one))):
+        low, high = fit.profiles.get((0, name), (1.0, 1.0))
+        if low <= 0.0:
+            half = 0.5 * (high - low)
+            return Refusal(Reason.NOT_DETERMINED, {"parameter": name, "value": one.shape[name], "stderr": half})
+    return None
