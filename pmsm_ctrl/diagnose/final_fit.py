@@ -35,7 +35,8 @@ def finally_fitted(case: Case, selection: Selection) -> Selection:
 def reaching_zero(fit: Fitted) -> Refusal | None:
     """Return that the first effect may be nothing: the interval of a size that stands in its shape reaches zero.
 
-    A standard error says less: a deflection that is too small for the log has a steep side and a flat one.
+    A standard error says less: a deflection that is too small for the log has a steep side and a flat one. An interval
+    without an end on either side says nothing.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def reaching_zero(fit: Fitted) -> Refusal | None:
     one = fit.accepted[0]
     for name in sorted(set(one.effect.amplitudes) & set(searched(one))):
         low, high = fit.profiles.get((0, name), (1.0, 1.0))
-        if low <= 0.0:
+        if low <= 0.0 and high < one.effect.parameter(name).upper:
             half = 0.5 * (high - low)
             return Refusal(Reason.NOT_DETERMINED, {"parameter": name, "value": one.shape[name], "stderr": half})
     return None

@@ -367,9 +367,11 @@ def make_record(
     return wide if short is not None or wide.usable > record.usable else record
 
 
-def _assumed_i_d(log: Log) -> Notice:
+def _assumed_i_d(log: Log, channels: Sequence[str]) -> tuple[Notice, ...]:
     """Say what stands for the d-current in the voltage balances of a log without it: most drives keep it at zero."""
-    return ASSUMED_I_D(assumed="its reference" if "i_d_ref" in log else "i_d = 0")
+    if "i_d" in log or len(channels) == 1:
+        return ()
+    return (ASSUMED_I_D(assumed="its reference" if "i_d_ref" in log else "i_d = 0"),)
 
 
 def _made(
@@ -410,7 +412,6 @@ def _made(
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")):
         channels += ["u_d", "u_q"]
-    assumed = [_assumed_i_d(log)] if len(channels) > 1 and "i_d" not in raw else []
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     moving = (sure & _edges(prepared) & measured)[prepared.keep]
     level = np.hypot(*target[1:]) if len(channels) > 1 else np.zeros(0)
@@ -426,7 +427,7 @@ def _made(
     notes = (note for note in prepared.notes if note.code != TORQUE_JUMPS.code)  # edges are weighed here, not left out
     return Record(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
-        np.array(levels), kink[0], (*few, *_too_long(given, log), *assumed, *notes),
+        np.array(levels), kink[0], (*few, *_too_long(given, log), *_assumed_i_d(given, channels), *notes),
         None if "theta" in log else age, "theta" in log, timing=timing, sampling=sampling, early=early,
         sampling_stated=drive_sampling(design, log).stated,
         commanded=drive_sampling(design, log).sampling == "command", unseen=time_in_gaps(log), records=log.records,

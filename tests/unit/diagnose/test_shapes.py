@@ -83,9 +83,11 @@ def test_the_edges_of_what_an_exponent_avoids_are_bounds(n: float, at_bound: boo
     assert drag.structure.at_bound(drag, {"n": n}) is at_bound
 
 
-@pytest.mark.parametrize(("ends", "refused"), [((0.0, 7.5e-4), True), ((1e-4, 7.5e-4), False), (None, False)])
+@pytest.mark.parametrize(
+    ("ends", "refused"), [((0.0, 7.5e-4), True), ((1e-4, 7.5e-4), False), ((0.0, 1.0), False), (None, False)]
+)
 def test_a_size_whose_interval_reaches_zero_is_not_determined(ends: tuple[float, float] | None, refused: bool) -> None:
-    """A presliding was named in a clean log of sines: its deflection was 12 standard errors, its interval began at 0."""
+    """A presliding was named in a clean log of sines: its interval began at 0."""
     shape = {"z_s": 6.2e-4, "z_b": 0.6, "tau_z": 1e-3}
     bristle = Accepted(CATALOGUE["presliding"], shape, ({**shape, "z_s": 1e-4}, {**shape, "z_s": 1e-3}))
     fit: Any = SimpleNamespace(accepted=(bristle,), profiles={} if ends is None else {(0, "z_s"): ends})
