@@ -314,8 +314,8 @@ def conditioned_again(case: Case, found: Selection, select: Callable[[Case], Sel
     """Select again on the log conditioned with the first effect, where others were accepted beside it, or with a delay.
 
     The filter of the drive signal, the band and the weights were found with a model that lacked it, and what they are
-    wrong by looks like a second effect. The moments of reversal were found from a torque that a delay makes late. The
-    new answer counts where the effect stands in it as well.
+    wrong by looks like a second effect; a bristle alone looks like a filter. The moments of reversal were found from a
+    torque that a delay makes late. The new answer counts where the effect stands in it as well.
 
     Parameters
     ----------

@@ -345,8 +345,9 @@ def trusted(step: Array, inverse: Array, longest: Array) -> Array:
 def _moved(design: Design, fit: Fitted, free: Sequence[Free], step: tuple[Array, Array, Array]) -> Fitted | None:
     """Return the fit at moved shapes, without their errors; None where no step of `trusted` makes it better."""
     before, (whole, inverse, longest) = fit.estimate.chi2, step
+    reach = longest * min(1.0, float(np.max(np.abs(whole) / longest)))  # a step that is short anyway is halved as well
     for halved in range(HALVINGS):
-        accepted = shifted(fit.accepted, free, trusted(whole, inverse, longest / 2.0**halved))
+        accepted = shifted(fit.accepted, free, trusted(whole, inverse, reach / 2.0**halved))
         record, model = _model(design, fit, accepted)
         solved = solve_model(record, model, fit.weights, fit.plain)
         inside = bounded(solved)
