@@ -408,7 +408,10 @@ class LogMap(Part):
         default="unknown", description="torque and currents beside the position: sampled at once, mean over the period "
         "before, or the drive's command"
     )  # fmt: skip
-    late: Finite = Field(default=0.0, description="time by which torque and currents are sampled after the position, s")
+    late: Finite = Field(
+        default=0.0, description="time by which torque and currents lag the position of their row, s; negative where "
+        "they were sampled after it"
+    )  # fmt: skip
     filter: NonNegative = Field(default=0.0, description="time constant of the filter of torque and currents, s")
     sampled: dict[Literal["theta", "omega", "torque", "i_q", "u_d", "u_q"], Sampled] = Field(
         default_factory=dict, description="the same for single channels: [log.sampled.u_q]; i_d is taken as i_q"

@@ -150,7 +150,7 @@ def _effects(fit: Fitted) -> Iterator[Deviation]:
 
 
 def _timing(fit: Fitted) -> Iterator[Deviation]:
-    """Return the delay of the drive signal after the position, a nuisance parameter: few logs state their sampling."""
+    """Return the delay of the drive signal behind the position, a nuisance parameter: few logs state their sampling."""
     if LATENESS in fit.model.names:
         k, undone = fit.model.names.index(LATENESS), fit.record.timing
         value, error = undone.delay + float(fit.plain.values[k]), float(fit.plain.stderr[k])

@@ -314,7 +314,7 @@ class Diagnosis(Result):
 
     @property
     def timing(self) -> DriveTiming:
-        """How late after the position the drive signal was sampled, and the filter that it passed."""
+        """How far the drive signal lags the position, and the filter that it passed."""
         fit, undone = self.selection.fit, self.record.timing
         return DriveTiming(undone.late + lateness(fit.model, fit.plain.values), undone.lag)
 

@@ -117,7 +117,7 @@ class Record:
     timing : DriveTiming
         The corrected part of the drive signal's sampling.
     sampling : float
-        Largest possible delay of the drive signal after the position by sampling, s: one period of the log, or of the
+        Largest possible delay of the drive signal behind the position by sampling, s: one period of the log, or of the
         speed loop, whose steps are always sampled at the same place.
     early : float
         Largest possible lead, s: a torque or current may be the command, which a current loop follows later.

@@ -25,7 +25,7 @@ SURE = 3.0  # standard errors by which least squares must differ from the refere
 
 
 def lateness(model: Model, values: Array) -> float:
-    """Return the delay of the drive signal after the position, s; zero where it is not fitted.
+    """Return the delay of the drive signal behind the position, s; zero where it is not fitted.
 
     Parameters
     ----------

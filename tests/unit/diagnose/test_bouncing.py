@@ -93,23 +93,41 @@ def test_noise_is_told_from_what_is_smooth() -> None:
     assert _noise(50.0 * np.sin(6.0 * t) + noise) == pytest.approx(0.1, rel=0.05)
 
 
-@pytest.fixture(scope="module")
-def found() -> Addition:
+def fitted(seed: int) -> Addition:
+    """A gap of a simulated log, added to its design."""
     design = Design.read(DESIGNS / "hand_tuned.toml")
-    # of the 40 intervals of seeds 77 to 86 two miss the truth, d of 77 and 83
-    log = simulate(design, "identification", truth=design.with_effect("backlash", TRUE), seed=78)
+    log = simulate(design, "identification", truth=design.with_effect("backlash", TRUE), seed=seed)
     return added(design, log, "backlash")
 
 
+def holding(found: Addition) -> dict[str, bool]:
+    """Which intervals hold the truth."""
+    ends = {symbol: found.parameters[symbol].ends for symbol in TRUE}
+    return {symbol: one is not None and one[0] < TRUE[symbol] < one[1] for symbol, one in ends.items()}
+
+
+@pytest.fixture(scope="module")
+def found() -> Addition:
+    # The search amplifies rounding, which differs between processors: 2 or 4 of the 40 intervals of seeds 77 to 86 miss
+    # the truth, two of them by 0.2 %. Here the truth is 5 % and more inside all of them.
+    return fitted(81)
+
+
 def test_the_intervals_of_a_gap_hold_the_truth_and_what_is_written(found: Addition) -> None:
-    for symbol, true in TRUE.items():
+    assert all(holding(found).values()), holding(found)
+    for symbol in TRUE:
         one = found.parameters[symbol]
-        assert one.ends is not None, symbol
-        assert one.ends[0] < true < one.ends[1], symbol
+        assert one.ends is not None
         assert one.ends[0] <= one.value <= one.ends[1], symbol
     for symbol, most in (("gap", 1.8), ("J_load", 1.6)):
         low, high = found.parameters[symbol].interval()
         assert high < most * low, symbol
+
+
+@pytest.mark.slow
+def test_of_forty_intervals_of_95_per_cent_34_hold_the_truth() -> None:
+    # fewer do in one of 330 such counts (binomial)
+    assert sum(sum(holding(fitted(seed)).values()) for seed in range(77, 87)) >= 34
 
 
 def test_the_intervals_of_a_gap_are_in_the_json_and_in_the_text(found: Addition) -> None:
