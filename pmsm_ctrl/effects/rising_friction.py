@@ -19,12 +19,7 @@ def term(omega: float, dF_r: float, w_r: float) -> float:
 
 
 def search(log: LogView) -> Iterator[dict[str, float]]:
-    """Yield speeds from 0.3 to 40 % of the log's top speed; none in a log without an angle.
-
-    A speed that the drive has filtered or observed rounds the step of dry friction off in the same way.
-    """
-    if not log.balances.angle:
-        return
+    """Yield speeds from 0.3 to 40 % of the log's top speed."""
     for w_r in np.geomspace(0.003, 0.4, 9) * log.top_speed:
         yield {"w_r": float(w_r)}
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from pmsm_ctrl.log import Log
 
-# Not tried without an angle: a filtered speed tells no travel of a bristle, and rounds the dry friction off.
-UNTRIED = ("presliding", "rising_friction")
+# Not tried without an angle: a filtered speed tells no travel of a bristle.
+UNTRIED = ("presliding",)
 LAGS = (0.0, 1e-3, 2e-3, 4e-3)  # s, of the filter of the speed
 
 
