@@ -11,6 +11,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.diagnosis import condition
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design
 from pmsm_ctrl.diagnose.fitted_design import base_parameters, fitted_design, fitted_parameters
+from pmsm_ctrl.diagnose.late import with_its_delay
 from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.notices import at_bounds
 from pmsm_ctrl.diagnose.outcome import errors_table
@@ -99,6 +100,8 @@ def added(
     logs, holdouts = as_logs(log), () if holdout is None else as_logs(holdout, "holdout")
     design = with_inertia(design, logs)
     case = condition(design, logs, holdouts, effects, POLICY)
+    if wanted.structure.delays:
+        case = with_its_delay(case) or case
     if effect in FRICTION:
         case = replace(case, design=design)  # it is to be added, not part of the base model
     advance(0.2)

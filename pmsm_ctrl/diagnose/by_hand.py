@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.candidates import offered_effects
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.contributions import Contributions, contributions_of
 from pmsm_ctrl.diagnose.diagnosis import (
     condition,
     finished,
-    offered_effects,
     searched,
     without_what_happened_once,
 )

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import LogView, Search
+from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.residuals.orders import order_spectrum
 
-__all__ = ["Candidate", "candidates_for"]
+__all__ = ["Candidate", "candidates_for", "offered_effects"]
 
 Array = NDArray[np.float64]
 
@@ -115,4 +116,31 @@ def candidates_for(
         why = effect.structure.available(record, effect)
         found = Search((), why_not=why) if why else effect.structure.search(effect, view)
         out.append(Candidate(effect, found.shapes, found.tried, found.why_not))
+    return out
+
+
+def offered_effects(effects: Mapping[str, Effect], candidates: Iterable[str] | None) -> dict[str, Effect]:
+    """Return the effects with these ids, or all of them.
+
+    Parameters
+    ----------
+    effects : dict of id to Effect
+    candidates : iterable of str, optional
+
+    Returns
+    -------
+    dict of id to Effect
+
+    Raises
+    ------
+    RequestError
+        For an unknown id.
+    """
+    if candidates is None:
+        return dict(effects)
+    out = {}
+    for identifier in candidates:
+        if identifier not in effects:
+            raise RequestError(f"unknown effect '{identifier}'{nearest(identifier, effects)}")
+        out[identifier] = effects[identifier]
     return out

@@ -57,6 +57,8 @@ class Case:
         Returns the case with the log conditioned by another design, which has the effects found so far.
     in_band : function or None
         Returns the case with the log conditioned in another band.
+    anew : function or None
+        Returns the case of the log that a given one believes in, conditioned by a design that says more.
     minor_too : bool
         Whether a first effect may explain less than most of what the residual has above its noise floor, if it is
         surely of the same size in half the band.
@@ -83,6 +85,7 @@ class Case:
     given: Design | None = None
     conditioned_with: Callable[[Design, Case], Case] | None = field(default=None, repr=False)
     in_band: Callable[..., Case] | None = field(default=None, repr=False)
+    anew: Callable[..., Case] | None = field(default=None, repr=False)
     minor_too: bool = False
     surely: bool = False
     beyond: Beyond | None = None

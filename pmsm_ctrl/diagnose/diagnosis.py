@@ -4,6 +4,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 
 - `criteria`: what an effect has to pass, as pure functions of numbers; their thresholds are in `policy`
 - `events`: what happened once, kept out of every fit
+- `late`: the log as it was logged, where torque and currents lag the motion by more than any sampling
 - `selection`: one round, the best candidate that passes
 - `swap`: effects that another one can replace
 - `bands`: the same log in a narrower band, where nothing is named and where a name is checked
@@ -29,11 +30,13 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import notices as words
 from pmsm_ctrl.diagnose.bands import conditioned_in, unlike_in_half, without_events
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
+from pmsm_ctrl.diagnose.candidates import offered_effects
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.events import events_of
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
+from pmsm_ctrl.diagnose.late import begun_late, better_late, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.outcome import outcome
@@ -49,7 +52,7 @@ from pmsm_ctrl.diagnose.verdict import explains_most, explains_most_beside_noise
 from pmsm_ctrl.diagnose.written import as_written
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
-from pmsm_ctrl.errors import LogError, RequestError, nearest
+from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, Record
@@ -66,7 +69,7 @@ from pmsm_ctrl.result import Verdict
 if TYPE_CHECKING:
     from pmsm_ctrl.frf import FrequencyResponse
 
-__all__ = ["condition", "diagnose", "finished", "offered_effects", "searched", "without_what_happened_once"]
+__all__ = ["condition", "diagnose", "finished", "searched", "without_what_happened_once"]
 
 NARROWER = 1.25  # times a band: one that is wider than it by less holds the same
 # Verdicts after which a name is looked for in a narrower band: those of a log that belongs to its design, and shows it.
@@ -169,7 +172,9 @@ def _answer(case: Case, plan: bool, progress: Progress) -> tuple[Case, Diagnosis
     """Accept effects, swap those that another one explains better, and add what they do not explain."""
     if case.believed is not None and case.believed.contradictions:
         return case, outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
-    return searched(without_what_happened_once(case), plan, progress)
+    found = searched(without_what_happened_once(case), plan, progress)
+    late = with_its_delay(case)
+    return found if late is None else better_late(found, searched(without_what_happened_once(late), plan, progress))
 
 
 def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = None) -> tuple[Case, Diagnosis]:
@@ -396,6 +401,8 @@ def _select(
 ) -> Selection:
     """Accept effects until no candidate passes; with `start` the first ones are these, or none is accepted at all."""
     selection = Selection((case.keep(case.fit(())),))
+    if (late := begun_late(case, start)) is not None:
+        selection = selection.plus(late)
     while (found := best(case, selection, start)).accepted:
         selection = selection.plus(found)
         case.keep_alone(selection.fit)
@@ -437,13 +444,13 @@ def condition(
     Case
     """
     believed = (first and first.believed) or doubts_about(design, log)
-    made = made or Made.kept(believed.log)
+    anew, made = made is None, made or Made.kept(believed.log)
     whole = with_friction(design)
     record = timed_record(shown or whole, believed.log, made, band)
     made.forget_models(record)
     if shown is not None:
         record = for_design(record, whole)
-        if first is not None and (record.cutoff, record.timing, record.age) == (
+        if first is not None and not anew and (record.cutoff, record.timing, record.age) == (
             first.record.cutoff, first.record.timing, first.record.age,
         ):  # fmt: skip
             return replace(first, record=record, conditioned_with=None, events=(), fits=[])
@@ -453,6 +460,7 @@ def condition(
     remarks = [] if beyond is None else [beyond.notice]
     for holdout in holdouts:
         held_out = doubts_about(design, holdout)
+        held_out = held_out if first is None or believed.logged is not None else held_out.as_logged
         same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, holdout.rate / 8.0))
         other = sampled_alike(design, held_out.log, same, record)
         # whatever it is made of, nothing is fitted to it
@@ -464,32 +472,6 @@ def condition(
     return Case(
         whole, record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
         name=names_of(as_logs(log), "the given log"), given=design, beyond=beyond,
-        conditioned_with=None if shown or long else partial(again, band=band), in_band=again,
+        conditioned_with=None if long or (shown and not anew) else partial(again, band=band), in_band=again,
+        anew=partial(condition, design, log, holdouts, offered, policy),
     )  # fmt: skip
-
-
-def offered_effects(effects: Mapping[str, Effect], candidates: Iterable[str] | None) -> dict[str, Effect]:
-    """Return the effects with these ids, or all of them.
-
-    Parameters
-    ----------
-    effects : dict of id to Effect
-    candidates : iterable of str, optional
-
-    Returns
-    -------
-    dict of id to Effect
-
-    Raises
-    ------
-    RequestError
-        For an unknown id.
-    """
-    if candidates is None:
-        return dict(effects)
-    out = {}
-    for identifier in candidates:
-        if identifier not in effects:
-            raise RequestError(f"unknown effect '{identifier}'{nearest(identifier, effects)}")
-        out[identifier] = effects[identifier]
-    return out

@@ -55,8 +55,9 @@ def examine(design: Design, log: Log) -> Plausibility:
         if in_step:
             evidence = replace(evidence, voltages={})
         contradictions = found.contradictions or _contradictions(evidence, kept)
-        changed, late = (kept, ()) if contradictions else late_channel(evidence, kept)
-    return Plausibility(changed, contradictions, (*found.doubts, *in_step, *late), found.excluded, found.repairs)
+        changed, late, lag = (kept, (), 0.0) if contradictions else late_channel(evidence, kept)
+    doubts, logged = (*found.doubts, *in_step, *late), None if changed is kept else kept
+    return Plausibility(changed, contradictions, doubts, found.excluded, found.repairs, lag, logged)
 
 
 def _contradictions(evidence: Evidence, log: Log) -> tuple[Notice, ...]:

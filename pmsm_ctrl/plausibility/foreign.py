@@ -19,6 +19,7 @@ from pmsm_ctrl.plausibility.relations import (
     torque_balance,
     voltage_balances,
 )  # fmt: skip
+from pmsm_ctrl.regression.measurement_correction import known_delay
 from pmsm_ctrl.section import Notice
 
 __all__ = ["foreign_current", "foreign_voltage", "late_channel", "magnitudes", "sensor_offset"]
@@ -26,43 +27,58 @@ __all__ = ["foreign_current", "foreign_voltage", "late_channel", "magnitudes", "
 Array = NDArray[np.float64]
 
 
-def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...]]:
+def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...], float]:
     """Say by how much the current or torque is late against the motion, where sampling does not explain it.
 
     A lag that no correction of sampling instants reaches is taken out of the log. It has to explain far more than a
-    friction that bends before it slides, which is an effect and no fault of the recorder.
+    friction that bends before it slides, which is an effect and no fault of the recorder: a delay is as large from
+    whatever lag it is read, and what a bend looks like is not. A delay that the design states is known. The third value
+    is the lag, s, as behind a delay; 0 where it is none.
     """
     fit, lag, width = evidence.narrow, evidence.lag, evidence.bins.width
     slope = fit.ratio("late", -1.0) if fit is not None else None
     if evidence.torque is None or slope is None or fit is None:
-        return log, ()
-    late = lag * width + slope.value
+        return log, (), 0.0
+    known = known_delay(evidence.design)
+    late = lag * width + slope.value - known
     if abs(late) - POLICY.late_errors * slope.stderr <= max(POLICY.late, POLICY.late_periods * log.period):
-        return log, ()
+        return log, (), 0.0
     if -POLICY.beyond <= late < 0.0 and "theta" not in log:
-        return log, ()  # drives filter a speed: the fits find by how much
+        return log, (), 0.0  # drives filter a speed: the fits find by how much
+    filtered, left = False, fit.left
+    if late > 0.0 and not known:
+        # y + tau y' is the torque exactly behind a filter of first order; behind a delay the lag in bins is better
+        as_filter = torque_balance(evidence.bins, evidence.torque)
+        as_delay, size = _as_delay(evidence, evidence.torque, late)
+        if as_filter is not None and as_delay is not None:
+            closer, same = _as_delay(evidence, evidence.torque, size)
+            filtered = as_filter.left < POLICY.sharper * as_delay.left
+            if filtered:
+                late = -as_filter.value("late")
+            elif closer is not None and abs(same - size) <= POLICY.same_delay * size:
+                late, left = same, min(left, closer.left)
     if late > 0.0 and "theta" in log:  # around a reversal both look alike
         bends = bristle_balance(evidence.bins, evidence.torque, log["theta"])
-        if bends is not None and fit.left > POLICY.late_gain * bends.left:
-            return log, ()
-    filtered = False
-    if late > 0.0:
-        # y + tau y' is the torque exactly behind a filter of first order; behind a delay the lag in bins is better
-        bins = evidence.bins
-        as_filter = torque_balance(bins, evidence.torque)
-        as_delay = torque_balance(bins, evidence.torque, BOXES, max(1, round(late / width)))
-        if as_filter is not None and as_delay is not None and as_filter.left < POLICY.sharper * as_delay.left:
-            filtered, late = True, -as_filter.value("late")
+        if bends is not None and left > POLICY.late_gain * bends.left:
+            return log, (), 0.0
     words = say.CURRENT_FILTERED if filtered else say.NOT_SYNCHRONOUS
     notice = words(channel=evidence.channel, lag_ms=1e3 * late)
+    behind = 0.0 if filtered else max(late, 0.0)
     if abs(late) <= POLICY.beyond:
-        return log, (notice,)
+        return log, (notice,), behind
     names = [name for name in ("torque", "i_q", "i_d") if name in log]
     if filtered:
         moved_back = {name: log[name] + late * np.gradient(log[name], log.t) for name in names}
     else:
         moved_back = {name: np.interp(log.t + late, log.t, log[name]) for name in names}
-    return log.with_channels(**moved_back), (notice,)
+    return log.with_channels(**moved_back), (notice,), behind
+
+
+def _as_delay(evidence: Evidence, torque: Array, late: float) -> tuple[Fit | None, float]:
+    """Return the balance of the torque so many seconds later, in whole bins, and the delay by it, s."""
+    bins = max(1, round(late / evidence.bins.width))
+    fit = torque_balance(evidence.bins, torque, BOXES, bins)
+    return fit, 0.0 if fit is None else bins * evidence.bins.width - fit.value("late")
 
 
 def sensor_offset(evidence: Evidence, log: Log) -> tuple[Notice, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
@@ -43,6 +43,10 @@ class Plausibility:
         Stretches of time that `log` leaves out.
     repairs : tuple of Notice
         What was put right in `log`, without a doubt of it.
+    lag : float
+        By how much torque and currents lag the motion as behind a delay that no sampling explains, s; else 0.
+    logged : Log or None
+        What `log` was before torque and currents were moved by that; None where they were not.
     """
 
     log: Log
@@ -50,6 +54,13 @@ class Plausibility:
     doubts: tuple[Notice, ...] = ()
     excluded: tuple[Stretch, ...] = ()
     repairs: tuple[Notice, ...] = ()
+    lag: float = 0.0
+    logged: Log | None = None
+
+    @property
+    def as_logged(self) -> Plausibility:
+        """The same of the log whose torque and currents were not moved."""
+        return self if self.logged is None else replace(self, log=self.logged, logged=None)
 
     @property
     def plausible(self) -> bool:

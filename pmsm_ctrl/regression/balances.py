@@ -34,6 +34,7 @@ from pmsm_ctrl.regression.edges import MAD, WRONG_TORQUE
 from pmsm_ctrl.regression.encoder_steps import angle_steps, errors_by_steps, rough_acceleration
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
+from pmsm_ctrl.regression.measurement_correction import known_delay
 from pmsm_ctrl.regression.notices import ASSUMED_I_D, LONG_LOG, TORQUE_JUMPS
 from pmsm_ctrl.regression.thinning import interpolated
 from pmsm_ctrl.regression.timing import ending_steadily, punctual, time_in_gaps
@@ -112,6 +113,8 @@ class Record:
         Whether the log has a position.
     late : float or None
         Delay of the currents about which its column is linearised, s; None while the terms read measured currents.
+    delayed : float
+        Delay of the drive signal with which its reversals were found, s.
     changes : tuple of float
         Times from which on the dry friction is another one, s.
     timing : DriveTiming
@@ -166,6 +169,7 @@ class Record:
     age: DriveTiming | None = None
     angle: bool = True
     late: float | None = None
+    delayed: float = 0.0
     timing: DriveTiming = UNDELAYED
     changes: tuple[float, ...] = ()
     sampling: float = 0.0
@@ -424,14 +428,14 @@ def _made(
     weighing = Weighing(log, at_all, prepared, signals, kink, moving, steps, tuple(voltages))
     weight, mask = weighing.weights(wrong, edges)
     _require_samples(mask, prepared, given)
+    stated = drive_sampling(design, log)
     notes = (note for note in prepared.notes if note.code != TORQUE_JUMPS.code)  # edges are weighed here, not left out
     return Record(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
         np.array(levels), kink[0], (*few, *_too_long(given, log), *_assumed_i_d(given, channels), *notes),
-        None if "theta" in log else age, "theta" in log, timing=timing, sampling=sampling, early=early,
-        sampling_stated=drive_sampling(design, log).stated,
-        commanded=drive_sampling(design, log).sampling == "command", unseen=time_in_gaps(log), records=log.records,
-        wrong=wrong, edges=edges, step=resolution, weighing=weighing,
+        None if "theta" in log else age, "theta" in log, delayed=known_delay(design) + timing.reversals, timing=timing,
+        sampling=sampling, early=early, sampling_stated=stated.stated, commanded=stated.sampling == "command",
+        unseen=time_in_gaps(log), records=log.records, wrong=wrong, edges=edges, step=resolution, weighing=weighing,
         rough=rough_acceleration(resolution, given.rate, prepared.cutoff), turning=turning,
     )  # fmt: skip
 

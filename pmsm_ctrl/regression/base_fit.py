@@ -21,7 +21,7 @@ from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.lateness import lateness, with_sampling_bounded
 from pmsm_ctrl.regression.model import FIXED, OWN, Model, Solved, base_groups, solve_model
-from pmsm_ctrl.regression.modelled import with_direction, with_modelled_torque
+from pmsm_ctrl.regression.modelled import in_time, with_direction, with_modelled_torque
 from pmsm_ctrl.regression.saturated import Saturated, rough_solution, rough_weights, saturated, whiteners
 from pmsm_ctrl.regression.spread import with_spread
 
@@ -186,6 +186,9 @@ def settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...]
 def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...], settled: bool) -> Settled:
     record = with_bristles(design, record, accepted)
     model, notes = assembled(design, record, accepted, settled)
+    if _delays(model) and record.delayed > record.period:  # no slope of the measured torque reaches as far
+        record = with_modelled_torque(record, in_time(record, record.delayed), record.delayed)
+        model, notes = assembled(design, record, accepted, settled)
     left = saturated(record, model)
     rough = rough_solution(record, _with_torque_held(record, model), left, rough_weights(record, left))
     for _ in range(PASSES):
@@ -378,6 +381,10 @@ def false_torque(model: Model, values: Array) -> Array:
             columns = model.columns_of(position)
             out += model.matrix[0][:, columns] @ values[columns]
     return out
+
+
+def _delays(model: Model) -> bool:
+    return any(group.effect is not None and group.effect.structure.delays for group in model.groups)
 
 
 def delay_of(model: Model, values: Array) -> float:

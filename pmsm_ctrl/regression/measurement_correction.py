@@ -8,13 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.catalogue import catalogue_of
+from pmsm_ctrl.effects.catalogue import bound_effects, catalogue_of
 from pmsm_ctrl.regression.notices import MEASUREMENT_EFFECT_LEFT_IN
 from pmsm_ctrl.section import Notice
 
-__all__ = ["undone"]
+__all__ = ["known_delay", "undone"]
 
 Array = NDArray[np.float64]
+
+
+def known_delay(design: Design) -> float:
+    """Return by how much torque and currents are late as the design says, s.
+
+    Parameters
+    ----------
+    design : Design
+    """
+    stated = ((one.structure, one, values) for one, values in bound_effects(design))
+    return sum(how.delay(one, [values[s] for s in how.symbols(one)]) for how, one, values in stated if how.delays)
 
 
 def undone(design: Design, t: Array, channels: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[Notice, ...]]:

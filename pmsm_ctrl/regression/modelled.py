@@ -11,7 +11,7 @@ from pmsm_ctrl.regression.balances import ALWAYS, Record
 from pmsm_ctrl.regression.currents import add_slopes
 from pmsm_ctrl.regression.filters import shifted
 
-__all__ = ["with_direction", "with_modelled_torque"]
+__all__ = ["in_time", "with_direction", "with_modelled_torque"]
 
 Array = NDArray[np.float64]
 
@@ -43,6 +43,18 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
         signals["i_q_wide"] = signals["i_q"] + _beyond_band(record, "i_q_meas", late)
     add_slopes(signals, record.prepared, record.signals)
     return replace(record, signals=signals, late=late, memo={})
+
+
+def in_time(record: Record, late: float) -> Array:
+    """Return the measured torque balance as it was this much later, shape (m,): in time, where it is late.
+
+    Parameters
+    ----------
+    record : Record
+    late : float
+        s.
+    """
+    return shifted(record.at_full_rate(record.target[0]), record.period, late)[record.prepared.keep]
 
 
 def _beyond_band(record: Record, name: str, late: float) -> Array:
