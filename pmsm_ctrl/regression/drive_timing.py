@@ -252,7 +252,8 @@ def drive_sampling(design: Design, log: Log) -> Sampled:
 def in_time(design: Design, log: Log, more: DriveTiming = UNDELAYED) -> Log:
     """Undo what the design states of the sampling of motion and voltages, and the age of a speed without a position.
 
-    Of that the design knows what it states, or the drive's speed filter and half a period of its difference quotient.
+    Of that the design knows what it states of the channel, which is all of it, or else the drive's speed filter and
+    half a period of its difference quotient.
 
     Parameters
     ----------
@@ -267,7 +268,8 @@ def in_time(design: Design, log: Log, more: DriveTiming = UNDELAYED) -> Log:
     if "theta" in log or "omega" not in log:
         return log
     omega = log["omega"]
-    if design.sensor.speed_filter > 0.0 and not design.log.of("omega").stated:
+    said = design.log.of("omega")
+    if design.sensor.speed_filter > 0.0 and not (said.stated or said.filter or said.late):
         lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
         omega = omega + lag * np.gradient(omega, log.t)
     return more.undone(log.with_channels(omega=omega), ("omega",))
