@@ -19,7 +19,7 @@ from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.drive_timing import STATED_WITHIN
 from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
-from pmsm_ctrl.regression.sampling_terms import Term, sampling_terms, speed_terms
+from pmsm_ctrl.regression.sampling_terms import Term, instant_terms, sampling_terms, speed_terms
 from pmsm_ctrl.regression.slow_inertia import slow_inertia
 from pmsm_ctrl.regression.two_stage import HeldResponse
 
@@ -239,14 +239,16 @@ def base_groups(
     """
     terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
     timing = list(sampling_terms(record, settled) if record.age is None else speed_terms(record, record.age, settled))
-    of_torque = [term for term in timing if term.modelled]
+    swung = list(instant_terms(record))
+    of_torque = [term for term in (*timing, *swung) if term.modelled]
     measured = [*terms, *(term for term in timing if not term.modelled)]
     # what follows from a modelled torque is filtered already
     columns = _columns_of(record, measured) | _columns_of(record, of_torque, record.late is not None)
     groups = [Group(None, (term.name,), columns[term.name], {}) for term in terms]
     misread = record.age is None  # an old speed says when the torque acts, and nothing wrong of the torque
     groups += [Group(None, (term.name,), columns[term.name], {}, sampling=misread) for term in timing]
-    terms += timing
+    groups += [Group(None, (term.name,), columns[term.name], {}, sampling=True) for term in swung]
+    terms += [*timing, *swung]
     nominal, sigma, doubt = [term.nominal for term in terms], [term.sigma for term in terms], {}
     if noise_share(record, record.acceleration(), record.shaft_noise()) >= MOST_NOISE:
         nominal[0], doubt[0] = slow_inertia(design, record, sigma[0])

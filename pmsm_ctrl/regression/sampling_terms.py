@@ -15,6 +15,7 @@ from pmsm_ctrl.regression.drive_timing import (
     EMF,
     EMF_FILTERED,
     EMF_LATE,
+    INSTANT,
     LATENESS,
     SPEED_SPREAD,
     SPREAD,
@@ -23,12 +24,14 @@ from pmsm_ctrl.regression.drive_timing import (
     emf_left,
 )
 
-__all__ = ["FILTERED", "Term", "sampling_terms", "speed_terms"]
+__all__ = ["FILTERED", "Term", "instant_terms", "sampling_terms", "speed_terms"]
 
 Array = NDArray[np.float64]
 
 # Age of a speed that the drive filtered before it was logged, s.
 FILTERED = 3e-3
+# Control rate of a drive that states none, Hz, and the share of the torque that no effect is as small as.
+SLOWEST_CONTROL, LEAST_EXCESS = 4e3, 1e-4
 VAGUE = 100.0  # prior of the delay of the drive signal, in units of what is possible
 
 
@@ -93,6 +96,29 @@ def sampling_terms(record: Record, settled: bool) -> Iterator[Term]:
         late, filtered = columns
         yield Term(EMF, lambda: {"torque": late}, 0.0, EMF_LATE)
         yield Term(EMF_FILTERED, lambda: {"torque": filtered}, 0.0, EMF_LATE)
+
+
+def instant_terms(record: Record) -> Iterator[Term]:
+    """How much the currents of an instant exceed their mean over a control period T: by (p omega T)^2 / 12 at most.
+
+    A voltage stands still in the stator while the rotor turns under it, and the current swings about its mean:
+    ``L di/dt = u0 (exp(-j p omega (t - T / 2)) - mean)`` begins a period with ``-j p omega T^2 u0 / (12 L)``, of which
+    ``u0 = j p omega L i`` is in phase with the current. A sampled mean of instants has it whole, one over the period
+    nothing of it; torque and speed squared look like a drag or, beside a weight, like a friction by direction.
+
+    Parameters
+    ----------
+    record : Record
+    """
+    design, omega = record.design, record.signals["omega"]
+    if design.motor.p is None or record.late is None:
+        return
+    stated = "f_control" in design.drive.model_fields_set
+    period = 1.0 / (design.drive.f_control if stated else SLOWEST_CONTROL)
+    excess = (design.motor.p * omega * period) ** 2 / 12.0
+    if float(excess.max()) > LEAST_EXCESS:
+        torque = record.signals["torque"]
+        yield Term(INSTANT, lambda: {"torque": torque * excess}, 0.0, 1.0, True)
 
 
 def _emf_left(record: Record) -> tuple[Array, Array] | None:
