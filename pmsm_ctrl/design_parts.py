@@ -443,6 +443,9 @@ class Evaluated(Part):
     late: Finite = Field(default=0.0, description="delay of torque and currents that was corrected, s")
     filter: NonNegative = Field(default=0.0, description="time constant of their filter that was corrected, s")
     reversals: Finite = Field(default=0.0, description="delay of the same that was corrected at reversals, s")
+    stepped: Finite | None = Field(
+        default=None, description="periods after a reversal at which the friction steps in the torque, if it does"
+    )
     commanded: bool = Field(default=False, description="whether torque and currents are commands")
     age: Finite | None = Field(default=None, description="age of a speed that is all that is known of the motion, s")
     speed_filter: NonNegative = Field(default=0.0, description="time constant of its filter that was corrected, s")

@@ -26,6 +26,8 @@ __all__ = ["foreign_current", "foreign_voltage", "late_channel", "magnitudes", "
 
 Array = NDArray[np.float64]
 
+LAGS = 6  # at most, from which a delay is read
+
 
 def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...], float]:
     """Say by how much the current or torque is late against the motion, where sampling does not explain it.
@@ -39,8 +41,10 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...],
     slope = fit.ratio("late", -1.0) if fit is not None else None
     if evidence.torque is None or slope is None or fit is None:
         return log, (), 0.0
-    known = known_delay(evidence.design)
-    late = lag * width + slope.value - known
+    late = lag * width + slope.value
+    if known := known_delay(evidence.design):  # the slope of the torque says little of a long one
+        read = _delay(evidence, evidence.torque, known)
+        late = 0.0 if read is None else read[0] - known
     if abs(late) - POLICY.late_errors * slope.stderr <= max(POLICY.late, POLICY.late_periods * log.period):
         return log, (), 0.0
     if -POLICY.beyond <= late < 0.0 and "theta" not in log:
@@ -49,14 +53,13 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...],
     if late > 0.0 and not known:
         # y + tau y' is the torque exactly behind a filter of first order; behind a delay the lag in bins is better
         as_filter = torque_balance(evidence.bins, evidence.torque)
-        as_delay, size = _as_delay(evidence, evidence.torque, late)
+        as_delay = torque_balance(evidence.bins, evidence.torque, BOXES, max(1, round(late / width)))
         if as_filter is not None and as_delay is not None:
-            closer, same = _as_delay(evidence, evidence.torque, size)
             filtered = as_filter.left < POLICY.sharper * as_delay.left
             if filtered:
                 late = -as_filter.value("late")
-            elif closer is not None and abs(same - size) <= POLICY.same_delay * size:
-                late, left = same, min(left, closer.left)
+            elif (closer := _delay(evidence, evidence.torque, late)) is not None:
+                late, left = closer[0], min(left, closer[1])
     if late > 0.0 and "theta" in log:  # around a reversal both look alike
         bends = bristle_balance(evidence.bins, evidence.torque, log["theta"])
         if bends is not None and left > POLICY.late_gain * bends.left:
@@ -74,11 +77,20 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...],
     return log.with_channels(**moved_back), (notice,), behind
 
 
-def _as_delay(evidence: Evidence, torque: Array, late: float) -> tuple[Fit | None, float]:
-    """Return the balance of the torque so many seconds later, in whole bins, and the delay by it, s."""
-    bins = max(1, round(late / evidence.bins.width))
-    fit = torque_balance(evidence.bins, torque, BOXES, bins)
-    return fit, 0.0 if fit is None else bins * evidence.bins.width - fit.value("late")
+def _delay(evidence: Evidence, torque: Array, late: float) -> tuple[float, float] | None:
+    """Return a delay, s, and what it leaves of the torque's power; None where it is another one from the next lag."""
+    width, lag = evidence.bins.width, max(1, round(late / evidence.bins.width))
+    for _ in range(LAGS):
+        fit = torque_balance(evidence.bins, torque, BOXES, lag)
+        if fit is None:
+            return None
+        size = lag * width - fit.value("late")
+        if (at := max(1, round(size / width))) == lag:
+            beside = torque_balance(evidence.bins, torque, BOXES, lag - 1 or 2)
+            other = np.inf if beside is None else (lag - 1 or 2) * width - beside.value("late")
+            return (size, fit.left) if abs(other - size) <= POLICY.same_delay * size else None
+        lag = at
+    return None
 
 
 def sensor_offset(evidence: Evidence, log: Log) -> tuple[Notice, ...]:

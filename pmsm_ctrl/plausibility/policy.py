@@ -51,8 +51,8 @@ class Policy:
     late_gain : float
         What the shifted channel leaves at most of what the channel as logged leaves.
     same_delay : float
-        Relative difference of a delay that is read at two lags: 2 % of delays of 9 and 11 ms, 15 and 40 % of a friction
-        that bends before it slides.
+        Relative difference of a delay that is read at two neighbouring lags: 0.4 to 2 % of delays of 9 to 60 ms, 8 and
+        12 % of a friction that bends before it slides.
     well : float
         Share of the torque's power below which no other lag is tried.
     longest_lag : float
@@ -115,7 +115,7 @@ class Policy:
     late_periods: float = 2.5
     late_errors: float = 2.0
     late_gain: float = 0.5
-    same_delay: float = 0.1
+    same_delay: float = 0.05
     well: float = 0.02
     longest_lag: float = 0.12
     cut: float = 10.0

@@ -36,6 +36,7 @@ from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
 from pmsm_ctrl.regression.measurement_correction import known_delay
 from pmsm_ctrl.regression.notices import ASSUMED_I_D, LONG_LOG, TORQUE_JUMPS
+from pmsm_ctrl.regression.reversals import as_sampled
 from pmsm_ctrl.regression.thinning import interpolated
 from pmsm_ctrl.regression.timing import ending_steadily, punctual, time_in_gaps
 from pmsm_ctrl.regression.weights import Weighing, at_given_rate, on_grid, quantisation_error, voltage_weights
@@ -382,7 +383,7 @@ def _made(
     design: Design, log: Log, processing: Processing, age: DriveTiming | None, timing: DriveTiming,
     wrong: float, edges: float,
 ) -> Record:  # fmt: skip
-    sampling, early = possible_sampling(design, log)
+    (sampling, early), stated = possible_sampling(design, log), drive_sampling(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
     finest, resolution = angle_steps(log)
     whole, given = in_time(design, ending_steadily(log), age or UNDELAYED), log
@@ -403,16 +404,15 @@ def _made(
         signals["i_d"] = intended_i_d(log, prepared, signals["i_d"])
     signals |= _speed_asked(log, prepared)
     add_slopes(signals, prepared, raw)
-    load = signals.get("T_load", np.zeros_like(prepared.t))
-    driving = signals["torque"] - load
+    driving = signals["torque"] - (load := signals.get("T_load", np.zeros_like(prepared.t)))
     smooth, fast = (torque - load for torque in acting_torques(design, log, prepared, timing.reversals))
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
-    unresolved = resolution * prepared.cutoff
     steps = errors_by_steps(prepared, finest, resolution) if finest > 0.0 else None
+    unresolved = resolution * prepared.cutoff
     direction, sure, kink, turning = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps, unresolved)
     if int((sure & _edges(prepared))[prepared.keep].sum()) < FEWEST:  # no speed is left that the encoder resolves
         direction, sure, kink, turning = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps)
-    signals["direction"] = direction
+    signals["direction"] = as_sampled(direction, signals["omega"], timing.stepped)
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")):
         channels += ["u_d", "u_q"]
@@ -425,15 +425,15 @@ def _made(
     levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
     log = replace(log, channels={n: log[n] for n in ("t", "theta", source) if n in log})  # the rest of it is large
     at_all = at_given_rate(whole, log, timing, prepared, source)
-    weighing = Weighing(log, at_all, prepared, signals, kink, moving, steps, tuple(voltages))
+    late = known_delay(design) + timing.reversals
+    weighing = Weighing(log, at_all, prepared, signals, kink, moving, steps, tuple(voltages), late)
     weight, mask = weighing.weights(wrong, edges)
     _require_samples(mask, prepared, given)
-    stated = drive_sampling(design, log)
     notes = (note for note in prepared.notes if note.code != TORQUE_JUMPS.code)  # edges are weighed here, not left out
     return Record(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
         np.array(levels), kink[0], (*few, *_too_long(given, log), *_assumed_i_d(given, channels), *notes),
-        None if "theta" in log else age, "theta" in log, delayed=known_delay(design) + timing.reversals, timing=timing,
+        None if "theta" in log else age, "theta" in log, delayed=late, timing=timing,
         sampling=sampling, early=early, sampling_stated=stated.stated, commanded=stated.sampling == "command",
         unseen=time_in_gaps(log), records=log.records, wrong=wrong, edges=edges, step=resolution, weighing=weighing,
         rough=rough_acceleration(resolution, given.rate, prepared.cutoff), turning=turning,

@@ -83,12 +83,16 @@ class DriveTiming:
         Whether the log tells that filter from a delay.
     reversals : float
         Delay that is left in the signal, where it has a column, but that is out while a reversal is followed, s.
+    stepped : float or None
+        Periods of the log after the speed's change of sign at which the friction steps in the torque, at a sample; None
+        where it does not, and reversals are followed.
     """
 
     late: float = 0.0
     lag: float = 0.0
     sure: bool = True
     reversals: float = 0.0
+    stepped: float | None = None
 
     @property
     def delay(self) -> float:
@@ -109,7 +113,7 @@ class DriveTiming:
         names : tuple of str
             The channels of that timing.
         """
-        if self == UNDELAYED:
+        if not (self.late or self.lag):
             return log
         from scipy.interpolate import CubicSpline
 

@@ -35,6 +35,7 @@ def with_evaluation(design: Design, record: Record, log: Log) -> Design:
         late=record.timing.late,
         filter=record.timing.lag,
         reversals=record.timing.reversals,
+        stepped=record.timing.stepped,
         commanded=record.commanded,
         age=None if record.age is None else record.age.late,
         speed_filter=0.0 if record.age is None else record.age.lag,
@@ -60,7 +61,7 @@ def record_as_evaluated(design: Design, log: Log) -> Record:
         return timed_record(design, log)
     processing = Processing(standstill=STANDSTILL, cutoff=known.cutoff)
     age = None if known.age is None else DriveTiming(known.age, known.speed_filter)
-    timing = DriveTiming(known.late, known.filter, reversals=known.reversals)
+    timing = DriveTiming(known.late, known.filter, reversals=known.reversals, stepped=known.stepped)
     record = make_record(design, log, processing, age, timing, known.weight, known.edges)
     record = without_stretches(replace(record, commanded=known.commanded), known.left_out, known.changes)
     record = of_one_axis(design, record) if record.records else record

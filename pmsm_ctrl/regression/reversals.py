@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.kernels import inlined, kernel
+from pmsm_ctrl.regression.filters import shifted
 
-__all__ = ["ROUNDED", "reversals", "timed_sign"]
+__all__ = ["ROUNDED", "as_sampled", "reversals", "timed_sign"]
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,7 @@ MOST_TURNS = 2  # in a row, close together: of more, nobody knows from two unkno
 # Share of the rounded kink that stays as an error of the moment of reversal; samples up to which it is smaller than
 # what steps of the torque, and turns beside this one, make of a reversal that is followed.
 ROUNDED, CLEAR = 0.15, 0.25
+MOST_BETWEEN = 3  # samples, of a reversal that is followed; a shaft whose friction balances the drive for longer rests
 LEVELS = (0.5, 2.5)  # friction at the reversal over its usual level
 CLOSE = 1e-8  # of the speed, and of the travel, by which the usual friction would change them in all that time
 ROUNDS = 20  # of either search at most; four are usual
@@ -41,6 +43,25 @@ def timed_sign(omega: Array) -> Array:
     out = sign.copy()
     out[nearest] += sign[turns] * (2.0 * share - 1.0)
     return out
+
+
+def as_sampled(direction: Array, omega: Array, moment: float | None) -> Array:
+    """Return the direction at the instants of the samples, so many periods after the speed's change of sign.
+
+    Where the shaft rests it stays; without a moment, everywhere.
+
+    Parameters
+    ----------
+    direction, omega : array, shape (n,)
+    moment : float or None
+        Periods.
+    """
+    if moment is None:
+        return direction
+    resting = np.zeros(len(omega), dtype=np.bool_)
+    for piece in stretches(np.abs(direction) < 1.0):
+        resting[piece] = piece.stop - piece.start > MOST_BETWEEN
+    return np.where(resting, direction, np.sign(shifted(omega, 1.0, -moment)))
 
 
 def reversals(

@@ -30,8 +30,8 @@ Array = NDArray[np.float64]
 
 # Age of a speed that the drive filtered before it was logged, s.
 FILTERED = 3e-3
-# Control rate of a drive that states none, Hz, and the share of the torque that no effect is as small as.
-SLOWEST_CONTROL, LEAST_EXCESS = 4e3, 1e-4
+# Control rate of a drive that states none, Hz; and a third of 0.1 % of the torque, as small as effects are named.
+SLOWEST_CONTROL, LEAST_EXCESS = 4e3, 3e-4
 VAGUE = 100.0  # prior of the delay of the drive signal, in units of what is possible
 
 

@@ -58,6 +58,7 @@ from pmsm_ctrl.regression.notices import (
 from pmsm_ctrl.regression.sampling_terms import FILTERED
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
+from pmsm_ctrl.regression.stepped_reversals import stepped_at_reversals
 
 __all__ = ["FRICTION", "as_possible_command", "of_one_axis", "sampling_of", "timed_record", "with_friction"]
 
@@ -191,7 +192,7 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
         record, fit = _behind(design, made, same, timing)
     if record.age is None and not record.sampling_stated and _is_slow(record):
         record, fit = _by_profile(design, made, record, fit)
-    return in_time_at_reversals(design, made, record, fit)
+    return stepped_at_reversals(design, made, *in_time_at_reversals(design, made, record, fit))
 
 
 def _age(design: Design, record: Record, fit: Estimated) -> DriveTiming | None:

@@ -64,6 +64,8 @@ class Weighing:
     steps : StepErrors or None
     voltages : tuple of array, shape (m,)
         Weights of the voltage balances beside that of the torque.
+    delayed : float
+        Delay of the drive signal that is known, s: what is wrong about a reversal is in it so much later.
     kept : dict of float to array, shape (m,)
         Errors by edges that were worked out.
     """
@@ -76,6 +78,7 @@ class Weighing:
     used: NDArray[np.bool_]
     steps: StepErrors | None
     voltages: tuple[Array, ...]
+    delayed: float = 0.0
     kept: dict[float, Array] = field(default_factory=dict, repr=False)
 
     def edges(self, least: float) -> Array:
@@ -119,7 +122,7 @@ def _weight_of_torque(known: Weighing, least: float, share: float) -> tuple[Arra
         slow, used = slow * steady, used & (steady > STEADY)
     noise = torque_noise(log, prepared, known.signals, least)
     speed_error = None if steps is None else steps.speed
-    weight = slow * reversal_weight(prepared, known.signals, known.kink, noise, speed_error)
+    weight = slow * reversal_weight(prepared, known.signals, known.kink, noise, speed_error, known.delayed)
     return (weight if steps is None else weight * uneven_weight(known.kink[1] * steps.filtered, noise, used)), used
 
 
@@ -138,7 +141,7 @@ def torque_noise(log: Log, prepared: Prepared, signals: Mapping[str, Array], lea
 
 def reversal_weight(
     prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float], noise: float,
-    speed_error: Array | None = None,
+    speed_error: Array | None = None, delayed: float = 0.0,
 ) -> Array:  # fmt: skip
     """Weight around reversals by the uncertainty of the moment at which the friction changes its sign.
 
@@ -157,7 +160,8 @@ def reversal_weight(
     error = rounded if speed_error is None else np.hypot(rounded, speed_error[turns])
     unsure = UNSURE / rate + np.minimum(error / np.maximum(slope, 1e-12), 1.0 / prepared.cutoff)
     wrong = np.zeros(len(omega))
-    np.maximum.at(wrong, turns, 2.0 * level * unsure * 2.0 * prepared.cutoff)
+    later = np.minimum(turns + round(delayed * rate), len(omega) - 1)
+    np.maximum.at(wrong, later, 2.0 * level * unsure * 2.0 * prepared.cutoff)
     wrong = highest(wrong, 2 * round(rate / prepared.cutoff) + 1)[prepared.keep]
     return 1.0 / (1.0 + (wrong / noise) ** 2)
 

@@ -23,7 +23,7 @@ DESIGN = Design.from_dict({
 
 @pytest.mark.parametrize("speed", [50.0, 100.0, 200.0])  # rad/s of the shaft
 def test_the_closed_form_is_what_a_winding_does(speed: float) -> None:
-    """Steady state of L di/dt = u - j w (L i + psi) between two samples, solved by small steps of its exact solution."""
+    """Steady state of L di/dt = u - j w (L i + psi) between two samples, by small steps of its exact solution."""
     w, T, L, i_q, steps = P * speed, 1.0 / RATE, 5e-3, 3.0, 4000
     mean = 1j * w * (L * 1j * i_q + PSI)  # what the period needs in the mean, in the frame of the rotor
     t = (np.arange(steps) + 0.5) * T / steps
@@ -38,7 +38,7 @@ def test_the_closed_form_is_what_a_winding_does(speed: float) -> None:
 
 
 def hoisting(seed: int, share: float) -> Log:
-    """A weight that goes up and down at many speeds, the current of an instant this share too large of what it can be."""
+    """A weight that goes up and down at many speeds, its currents this share of what an instant has beyond a mean."""
     t = np.arange(0.0, 20.0, 1e-3)
     omega = 150.0 * (0.6 * np.sin(2.0 * t) + 0.4 * np.sin(6.6 * t + 1.0))
     alpha, theta = np.gradient(omega, t), np.cumsum(omega) * 1e-3

@@ -1,0 +1,63 @@
+"""Friction that steps between two samples of the torque: motions that are prescribed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.compare import compare
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.reversals import as_sampled
+from pmsm_ctrl.regression.timed_record import timed_record
+from pmsm_ctrl.simulate import simulate
+from tests.effort import seeds
+
+DESIGNS = Path(__file__).resolve().parents[3] / "designs"
+J, F_C, F_V, TOP, FREQUENCY, RATE = 2.4e-4, 0.017, 9e-5, 13.0, 1.237, 1000.0
+DESIGN = Design.from_dict({
+    "motor": {"J": 1.05 * J, "K_t": 1.0},
+    "effects": [{"id": "coulomb", "F_c": 1.3 * F_C}, {"id": "viscous", "F_v": 0.7 * F_V}],
+})  # fmt: skip
+
+
+def prescribed(seed: int, late: float, noise: float = 2e-4) -> Log:
+    """A sine of the speed, the torque sampled at instants; the angle is this many periods older than the torque."""
+    t = np.arange(0.0, 20.0, 1.0 / RATE)
+    w = 2.0 * np.pi * FREQUENCY
+    omega = TOP * np.sin(w * t)
+    torque = J * TOP * w * np.cos(w * t) + F_C * np.sign(omega) + F_V * omega
+    theta = -TOP / w * np.cos(w * (t - late / RATE))
+    return Log({"t": t, "theta": theta, "torque": torque + noise * np.random.default_rng(seed).normal(size=t.size)})
+
+
+@pytest.mark.parametrize("late", [0.0, 0.5, -0.5])  # in time; a sum of speeds that begins before or after the sample
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_what_is_left_is_the_noise_and_nothing_is_named(late: float, seed: int) -> None:
+    noise = 2e-4
+    log = prescribed(seed, late, noise)
+    found = diagnose(DESIGN, log, plan=False)
+    assert [step.effect for step in found.steps] == []
+    record = found.selection.fit.record
+    assert record.timing.stepped == pytest.approx(-late, abs=0.1)
+    expected = noise * np.sqrt(2.0 * record.cutoff / RATE)
+    assert found.errors["final"]["torque"]["rms"] < 1.15 * expected  # followed reversals leave 3 to 10 times that
+    seen = compare(found.design, log).log.errors["torque"].rms
+    assert seen == pytest.approx(found.errors["final"]["torque"]["rms"], rel=1e-3)
+
+
+def test_an_axis_that_a_current_turns_is_followed_through_its_reversals() -> None:
+    design = Design.read(DESIGNS / "hand_tuned.toml")
+    assert timed_record(design, simulate(design, "identification", seed=1)).timing.stepped is None
+
+
+def test_a_shaft_that_rests_keeps_what_its_friction_balances() -> None:
+    omega = np.array([3.0, 2.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, -2.0, 3.0, 4.0])
+    followed = np.array([1.0, 1.0, 1.0, 0.5, 0.2, 0.0, -0.3, -0.8, -1.0, -0.4, 1.0, 1.0])
+    assert as_sampled(followed, omega, None) is followed
+    seen = as_sampled(followed, omega, 0.0)
+    np.testing.assert_array_equal(seen[3:8], followed[3:8])
+    np.testing.assert_array_equal(seen[[0, 1, 2, 8, 9, 10, 11]], [1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
