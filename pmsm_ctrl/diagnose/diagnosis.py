@@ -393,7 +393,9 @@ def without_what_happened_once(case: Case) -> Case:
     -------
     Case
     """
-    return without_events(case, events_of(case.keep(case.fit(())), case.policy))
+    late = begun_late(case)  # what a delay leaves comes and goes with the motion
+    fit = case.keep(case.fit(())) if late is None or late.fit is None else late.fit
+    return without_events(case, events_of(fit, case.policy))
 
 
 def _select(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Accepted, judged
@@ -19,7 +20,10 @@ from pmsm_ctrl.diagnose.search import try_group
 from pmsm_ctrl.diagnose.selection import Found, Step
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import Delay
+from pmsm_ctrl.regression.base_fit import base_fit
 from pmsm_ctrl.regression.covariance import noise_covariance
+from pmsm_ctrl.regression.drive_timing import SPREAD, DriveTiming, filter_behind
+from pmsm_ctrl.regression.made import for_design
 
 __all__ = ["begun_late", "better_late", "with_its_delay"]
 
@@ -34,9 +38,14 @@ def with_its_delay(case: Case) -> Case | None:
     believed, delay = case.believed, _delay_of(case)
     if believed is None or not believed.lag > 0.0 or case.anew is None or delay is None:
         return None
-    assert isinstance(delay.structure, Delay)
-    shown = case.design.add_effect(delay.id, {delay.structure.age: believed.lag})
-    return case.anew(shown=shown, first=replace(case, believed=believed.as_logged))
+    late = case.anew(shown=_with(case, delay), first=replace(case, believed=believed.as_logged))
+    design = _with(late, delay)
+    free = base_fit(design, for_design(late.record, design), settled=False)
+    if SPREAD not in free.model.names:
+        return late
+    spread = free.value(SPREAD)
+    filtered = spread[0] > 0.5 * DriveTiming(lag=believed.lag).spread  # of which a delay leaves less than half
+    return None if filtered or filter_behind(believed.lag, spread, late.record.sampling) is not None else late
 
 
 def begun_late(case: Case, start: tuple[str, ...] = ()) -> Found | None:
@@ -79,6 +88,13 @@ def better_late(moved: tuple[Case, Diagnosis], late: tuple[Case, Diagnosis]) -> 
     names = {one.effect.id for one in accepted}
     shown = {one.effect.id for one in moved[1].selection.accepted}
     return late if shown <= names and any(one.effect.structure.delays for one in accepted) else moved
+
+
+def _with(case: Case, delay: Effect) -> Design:
+    """Return the design with the lag as its delay."""
+    assert isinstance(delay.structure, Delay)
+    assert case.believed is not None
+    return case.design.add_effect(delay.id, {delay.structure.age: case.believed.lag})
 
 
 def _delay_of(case: Case) -> Effect | None:
