@@ -14,6 +14,7 @@ from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Accepted, judged
 from pmsm_ctrl.diagnose.judging import judge_holdout, judge_refit, judge_trial
+from pmsm_ctrl.diagnose.notices import DEPENDENCE
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis
 from pmsm_ctrl.diagnose.search import try_group
@@ -78,7 +79,9 @@ def begun_late(case: Case, start: tuple[str, ...] = ()) -> Found | None:
 
 
 def better_late(moved: tuple[Case, Diagnosis], late: tuple[Case, Diagnosis]) -> tuple[Case, Diagnosis]:
-    """Return the answer to the log as it was logged, where that names a delay and all that the moved one shows.
+    """Return the answer to the log as it was logged, where that names a delay, and all that the moved one shows.
+
+    Nothing that depends on the motion may be left: a filter of many periods leaves that beside a delay.
 
     Parameters
     ----------
@@ -87,7 +90,9 @@ def better_late(moved: tuple[Case, Diagnosis], late: tuple[Case, Diagnosis]) -> 
     accepted = late[1].selection.accepted
     names = {one.effect.id for one in accepted}
     shown = {one.effect.id for one in moved[1].selection.accepted}
-    return late if shown <= names and any(one.effect.structure.delays for one in accepted) else moved
+    delayed = any(one.effect.structure.delays for one in accepted)
+    depends = late[1].left is not None and late[1].left.code == DEPENDENCE.code
+    return late if delayed and shown <= names and not depends else moved
 
 
 def _with(case: Case, delay: Effect) -> Design:

@@ -35,7 +35,7 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...],
     A lag that no correction of sampling instants reaches is taken out of the log. It has to explain far more than a
     friction that bends before it slides, which is an effect and no fault of the recorder: a delay is as large from
     whatever lag it is read, and what a bend looks like is not. A delay that the design states is known. The third value
-    is the lag, s, as behind a delay; 0 where it is none.
+    is the lag, s, where a delay explains it better than a filter does; else 0.
     """
     fit, lag, width = evidence.narrow, evidence.lag, evidence.bins.width
     slope = fit.ratio("late", -1.0) if fit is not None else None
@@ -49,7 +49,7 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...],
         return log, (), 0.0
     if -POLICY.beyond <= late < 0.0 and "theta" not in log:
         return log, (), 0.0  # drives filter a speed: the fits find by how much
-    filtered, left = False, fit.left
+    filtered, left, behind = False, fit.left, 0.0
     if late > 0.0 and not known:
         # y + tau y' is the torque exactly behind a filter of first order; behind a delay the lag in bins is better
         as_filter = torque_balance(evidence.bins, evidence.torque)
@@ -60,13 +60,13 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...],
                 late = -as_filter.value("late")
             elif (closer := _delay(evidence, evidence.torque, late)) is not None:
                 late, left = closer[0], min(left, closer[1])
+                behind = late if closer[1] < POLICY.sharper * as_filter.left else 0.0
     if late > 0.0 and "theta" in log:  # around a reversal both look alike
         bends = bristle_balance(evidence.bins, evidence.torque, log["theta"])
         if bends is not None and left > POLICY.late_gain * bends.left:
             return log, (), 0.0
     words = say.CURRENT_FILTERED if filtered else say.NOT_SYNCHRONOUS
     notice = words(channel=evidence.channel, lag_ms=1e3 * late)
-    behind = 0.0 if filtered else max(late, 0.0)
     if abs(late) <= POLICY.beyond:
         return log, (notice,), behind
     names = [name for name in ("torque", "i_q", "i_d") if name in log]

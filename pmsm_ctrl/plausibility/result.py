@@ -44,7 +44,7 @@ class Plausibility:
     repairs : tuple of Notice
         What was put right in `log`, without a doubt of it.
     lag : float
-        By how much torque and currents lag the motion as behind a delay that no sampling explains, s; else 0.
+        By how much torque and currents lag the motion as behind a delay, by more than any sampling, s; else 0.
     logged : Log or None
         What `log` was before torque and currents were moved by that; None where they were not.
     """

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
@@ -51,6 +52,17 @@ def test_what_else_is_missing_is_named_beside_it(seed: int) -> None:
     assert {step.effect for step in found.steps} == {"delay", "constant_load"}
     load = next(step for step in found.steps if step.effect == "constant_load")
     assert load.parameters["T_0"].value == pytest.approx(T_0, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+@pytest.mark.parametrize(("filters", "time"), [(1, 12e-3), slow(2, 12e-3)])
+def test_a_filter_is_no_delay(filters: int, time: float, seed: int) -> None:
+    log, kept = moves(0.0, seed), float(np.exp(-1e-3 / time))
+    torque = log["torque"]
+    for _ in range(filters):
+        torque = lfilter([1.0 - kept], [1.0, -kept], torque)
+    found = diagnose(DESIGN, log.with_channels(torque=torque), plan=False)
+    assert "delay" not in [step.effect for step in found.steps]
 
 
 def test_it_is_added_as_it_is_named() -> None:
