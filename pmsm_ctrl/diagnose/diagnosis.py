@@ -462,7 +462,8 @@ def condition(
     remarks = [] if beyond is None else [beyond.notice]
     for holdout in holdouts:
         held_out = doubts_about(design, holdout)
-        held_out = held_out if first is None or believed.logged is not None else held_out.as_logged
+        if first is not None and believed.lag > 0.0 and believed.logged is None:
+            held_out = held_out.as_logged  # as the log is judged
         same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, holdout.rate / 8.0))
         other = sampled_alike(design, held_out.log, same, record)
         # whatever it is made of, nothing is fitted to it
