@@ -19,7 +19,7 @@ needs_gcc = pytest.mark.skipif(gcc() is None, reason="GCC ABSENT: the fourth sim
 @pytest.mark.parametrize(
     ("seed", "delay"),
     [
-        (2001438, 2.0e-3),  # a speed alone: a filter makes it late, never early
+        slow(2001438, 2.0e-3),  # a speed alone: a filter makes it late, never early
         slow(2001318, 6.5e-3),
         slow(2001618, 16.5e-3),
         slow(2001798, 4.625e-3),
@@ -27,7 +27,7 @@ needs_gcc = pytest.mark.skipif(gcc() is None, reason="GCC ABSENT: the fourth sim
         slow(2001598, 4.0e-3),
         slow(2001518, 4.25e-3),
         slow(2001158, 1.75e-3),
-        slow(2001758, 2.9375e-3),  # by least squares it would be a filter, by the reference it is none
+        (2001758, 2.9375e-3),  # by least squares it would be a filter, by the reference it is none
     ],
 )
 def test_a_current_that_is_late_is_named_with_its_delay(tmp_path: Path, seed: int, delay: float) -> None:

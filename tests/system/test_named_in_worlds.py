@@ -65,6 +65,7 @@ def test_a_weak_saturation_is_named() -> None:
     assert added(world.design, simulate_world(world, {"saturation": 0.01271}), "torque_saturation").supported
 
 
+@pytest.mark.slow
 def test_a_delay_at_its_bound_does_not_answer_to_a_candidate() -> None:
     """The delay by the reference was held at its bound, and a candidate was judged as if it moved with the torque."""
     world = draw(1080061)  # margin 9; a bristle of Dahl's, which is elastic nowhere, bends over 0.18 rad
@@ -97,6 +98,7 @@ def wave_above_the_band() -> DiagnosisStep:
     return step
 
 
+@pytest.mark.slow
 def test_an_effect_that_explains_a_minor_part_is_named_where_half_the_band_shows_nothing_else() -> None:
     world = draw(790048)  # margin 5.9; too fast for half the band
     log = simulate_world(world, {"wave": 0.0155925, "wave_order": 12.0, "wave_phase": 2.549345})
@@ -223,6 +225,7 @@ def test_a_small_part_of_a_gap_is_enough_beside_rivals_where_it_is_sure() -> Non
     assert found.errors["final"]["torque"]["relative"] < 0.1 * found.errors["base"]["torque"]["relative"]
 
 
+@pytest.mark.slow
 def test_a_friction_that_the_model_nearly_has_is_declared_equivalent() -> None:
     world = draw(
         1500915
@@ -233,6 +236,7 @@ def test_a_friction_that_the_model_nearly_has_is_declared_equivalent() -> None:
     assert "viscous_power" in step.equivalents
 
 
+@pytest.mark.slow
 def test_the_error_of_fast_encoder_lines_is_no_cogging_of_their_order() -> None:
     """256 lines pass too fast for the usual band: in the wider one a cogging of that order was in the model first."""
     world = draw(1500619)
@@ -244,6 +248,7 @@ def test_the_error_of_fast_encoder_lines_is_no_cogging_of_their_order() -> None:
     assert step.effect == "compliance"  # margin 5.5
 
 
+@pytest.mark.slow
 def test_a_hard_start_of_the_log_does_not_hide_a_spring() -> None:
     """The log begins with its hardest edge, which filters falsify: with a spring the start was worse."""
     world = draw(1501058)  # margin 4.3
@@ -268,6 +273,7 @@ def test_a_load_that_rubs_is_refined_beside_one_that_does_not() -> None:
     assert step.parameters["F_load"].value == pytest.approx(0.0118, rel=0.3)
 
 
+@pytest.mark.slow
 def test_torque_steps_that_move_the_axis_are_no_noise_behind_a_gap() -> None:
     """The upper half of the band held edges of the torque: four times that is more than the load ever moves."""
     world = draw(1701374)  # margin 3.2
@@ -288,6 +294,7 @@ def test_a_gap_that_noise_could_be_in_part_needs_twice_the_confirmation(seed: in
     assert not diagnose(world.design, simulate_world(world), plan=False).steps
 
 
+@pytest.mark.slow
 def test_a_bristle_is_searched_finely_enough_for_the_friction_that_it_carries() -> None:
     """Of deflections twice as large as the one before all carried a friction that the axis has not."""
     world = draw(1700783)  # margin 3.2; a staircase of a screw
@@ -314,18 +321,18 @@ def test_a_thousandth_of_the_inertia_on_a_sharp_resonance_is_found(seed: int, hi
     assert step.parameters["J_load"].value == pytest.approx(hidden["load_inertia"], rel=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "hidden", "effect", "narrower"),
     [
         # a bristle behind 9 to 12 bits, margin 16: at 40 Hz the error of the samples known well rose beside it
         (1901423, {"bristle": 6.556139403008001e-05}, "presliding", True),
         # a saturation, margin 3.7, explains 2 % of a band of 131 Hz and 9.8 % of one of 20 Hz
-        slow(1901038, {"saturation": 0.07029023768168463}, "torque_saturation", True),
+        (1901038, {"saturation": 0.07029023768168463}, "torque_saturation", True),
         # left-out blocks: 15.0 +- 6.3; 1.06 +- 0.07 of its size in half the band; margin 5.7
-        slow(1901296, {"wave": 0.15526721365595364, "wave_order": 72.0, "wave_phase": 4.935883874872857}, "cogging",
-             False),
+        (1901296, {"wave": 0.15526721365595364, "wave_order": 72.0, "wave_phase": 4.935883874872857}, "cogging", False),
         # the encoder's speed error in u_q, 12 V, rises by 0.2 %, u_d falls by 13 %; margin 3.6
-        slow(2101244, {"dead_voltage": 1.5112341799700408, "dead_current": 0.00642443708424399}, "dead_time", False),
+        (2101244, {"dead_voltage": 1.5112341799700408, "dead_current": 0.00642443708424399}, "dead_time", False),
     ],
 )  # fmt: skip
 def test_what_noise_hid_from_the_usual_band_is_named(
@@ -347,7 +354,7 @@ HALF_A_DELAY = pytest.mark.xfail(strict=True, reason="a filter of 6.3 ms is told
         pytest.param(1220092, 6.28e-3, marks=[pytest.mark.slow, HALF_A_DELAY]),
         (1250116, 6.22e-3),
         pytest.param(1250034, 7.91e-3, marks=[pytest.mark.slow, UNDONE]),
-        (2800213, 7.22e-3),
+        slow(2800213, 7.22e-3),
     ],
 )
 def test_a_filter_that_reaches_into_the_band_of_a_slow_log_is_no_effect(seed: int, lag: float) -> None:
@@ -415,14 +422,16 @@ def test_a_wave_at_one_speed_is_no_cogging(seed: int) -> None:
     assert found.steps == ()
 
 
-@pytest.mark.parametrize("seed", [1250029, slow(1250245)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1250029, 1250245])
 def test_a_saturation_of_another_size_in_half_the_band_is_none(seed: int) -> None:
     """Speed steps at 250 Hz: samples at the edges of the torque hold its peaks."""
     world = draw(seed, log_rate=250.0)
     assert diagnose(world.design, simulate_world(world), plan=False).steps == ()
 
 
-@pytest.mark.parametrize("seed", [2400331, slow(2400382)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2400331, 2400382])
 def test_edges_that_no_sample_caught_are_no_filter(seed: int) -> None:
     """Staircases, instants at 350 and 400 Hz: edges that counted with one filter and not with another told one."""
     world = draw(seed)

@@ -44,7 +44,7 @@ def test_a_filter_of_the_current_is_no_spring(seed_motor: Design, motion: str, l
     ("hidden", "values", "motion"),
     [
         ("encoder_eccentricity", {"e_s": 2e-3, "e_c": 0.0}, "trapezoid"),
-        ("cogging", {"order": 4.0, "a_s": 0.003, "a_c": 0.0}, "sweep"),
+        slow("cogging", {"order": 4.0, "a_s": 0.003, "a_c": 0.0}, "sweep"),
     ],
 )
 def test_a_wave_of_a_turn_is_no_spring(seed_motor: Design, hidden: str, values: dict[str, float], motion: str) -> None:

@@ -106,6 +106,7 @@ def test_instants_of_both_currents_hold_it() -> None:
         assert len(ripple_torques(make_record(stated, log))) == terms
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_salient_motor_has_no_drag_that_a_ripple_explains_as_well(seed: int) -> None:
     """Friction curves in clean logs of salient motors were this, and gone with L_d = L_q (worlds 720137, 740007)."""
