@@ -16,7 +16,7 @@ from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import STANDSTILL, make_record
 from pmsm_ctrl.regression.conditioning import Processing
-from pmsm_ctrl.regression.reluctance import holds_ripple, logged_ripple_torque, ripple_torques
+from pmsm_ctrl.regression.reluctance import holds_ripple, logged_ripple_torques, ripple_torques
 from tests.effort import seeds
 
 Array = NDArray[np.float64]
@@ -50,10 +50,11 @@ def test_the_drag_grows_with_speed_and_with_the_square_of_the_ripple() -> None:
     assert drag_of_ripple(50.0, 1.5) == pytest.approx(9.0 * one, rel=1e-6)
 
 
-def log_of(seed: int, shown: float = 0.0, period: float = 2e-3) -> tuple[Log, Array]:
+def log_of(seed: int, shown: float = 0.0, period: float = 2e-3, swings_at: float | None = None) -> tuple[Log, Array]:
     """Sines of the speed, a torque without the ripple's part, and that part.
 
-    `shown` is the share of the ripple of i_q that the samples hold.
+    `shown` is the share of the ripple of i_q that the samples hold; the loops may swing at a speed, excited by the
+    lines of an encoder.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 12.0, period)
@@ -64,10 +65,12 @@ def log_of(seed: int, shown: float = 0.0, period: float = 2e-3) -> tuple[Log, Ar
         omega += size * np.sin(w * t + phase)
         alpha += size * w * np.cos(w * t + phase)
         theta -= size / w * np.cos(w * t + phase)
-    ripple = 0.002 * alpha + 0.05 * omega
+    ripple, wave = 0.002 * alpha + 0.05 * omega, np.where((t / HOLD).astype(int) % 2, 1.0, -1.0)
+    if swings_at is not None:
+        ripple, wave = 6.0 / np.hypot(1.0, (np.abs(omega) - swings_at) / 20.0), np.sin(np.pi * t / HOLD)
     drag = drag_of_ripple(1.0, 1.0) * omega * ripple**2
     torque = J * alpha + F_C * np.sign(omega) + F_V * omega + drag
-    samples = shown * 1.5 * P * PSI_F * ripple * np.where((t / HOLD).astype(int) % 2, 1.0, -1.0)
+    samples = shown * 1.5 * P * PSI_F * ripple * wave
     return Log({"t": t, "theta": theta, "torque": torque + samples + rng.normal(0.0, 2e-4, len(t))}), drag
 
 
@@ -90,10 +93,21 @@ def test_it_follows_from_what_the_log_shows_of_the_ripple(shown: float) -> None:
     log, drag = log_of(1, shown, period=0.5e-3)
     assert holds_ripple(log)
     record = make_record(design(), log, Processing(standstill=STANDSTILL, cutoff=40.0))
-    seen, there = logged_ripple_torque(record, log), np.interp(record.prepared.t, log.t, drag)
-    ((factor,), *_) = np.linalg.lstsq(seen[:, None], there, rcond=None)
+    seen, there = np.array(logged_ripple_torques(record, log)).T, np.interp(record.prepared.t, log.t, drag)
+    factors, *_ = np.linalg.lstsq(seen, there, rcond=None)
     inside = slice(500, -500)
-    assert float(np.sum((there - factor * seen)[inside] ** 2)) < 1e-2 * float(there[inside] @ there[inside])
+    assert float(np.sum((there - seen @ factors)[inside] ** 2)) < 1e-2 * float(there[inside] @ there[inside])
+    shares = shown**2 * factors  # of the square of the ripple of i_q: i_d is omega L_q i_q over the d-axis's impedance
+    assert 0.0 < np.min(shares) <= np.max(shares) < 1.0
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2))
+def test_loops_that_swing_at_a_speed_make_no_drag(seed: int) -> None:
+    """World 10000071: over the speed their ripple is no power of it, and half the size that a reference's step has."""
+    log, _ = log_of(seed, 0.7, 0.5e-3, swings_at=40.0)
+    found = diagnose(design(), log, plan=False, candidates=CURVES)
+    assert not found.steps
+    assert "like_ripple" in {one.refusal.reason.value for one in found.ranking if one.refusal is not None}
 
 
 def test_instants_of_both_currents_hold_it() -> None:
