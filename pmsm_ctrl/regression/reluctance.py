@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.design import Design
 from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
@@ -45,9 +44,8 @@ def ripple_torques(record: Record) -> list[Array]:
         return []
     if "i_d" in record.prepared.signals and record.design.log.of("i_q").sampling == "instant":
         return []
-    current = float(np.max(np.abs(record.target[0]), where=record.mask, initial=0.0)) / record.design.K_t_assumed
     speed, rate = (_slow(record, signals[name]) for name in ("omega", "alpha"))
-    return [_drag(record.design, current) * speed**m * rate**n for m, n in RIPPLES]
+    return [_largest(record) * speed**m * rate**n for m, n in RIPPLES]
 
 
 def holds_ripple(log: Log) -> bool:
@@ -67,7 +65,8 @@ def logged_ripple_torques(record: Record, log: Log) -> list[Array]:
 
     Such a log holds a part of the current's ripple, whatever of it a mean, a filter or a command takes away: all of it
     grows and falls with that part. What share it is may change with the frequency of what excites the ripple, and so
-    with the speed: of the two, each of shape (n,), one ends at the highest speed, and the other begins at rest.
+    with the speed: of the two, each of shape (n,), one ends at the highest speed, and the other begins at rest. Their
+    mean ripple is as large as that of `ripple_torques`.
 
     Parameters
     ----------
@@ -81,17 +80,18 @@ def logged_ripple_torques(record: Record, log: Log) -> list[Array]:
     cutoff = min(record.cutoff, FILTERED * rate)
     fast = np.where(good, drive - low_pass(drive, rate, cutoff), 0.0)
     power = np.interp(record.prepared.t, t, low_pass(fast**2, rate, cutoff))
-    per_ampere = record.design.K_t_assumed if "torque" in channels else 1.0
-    drag, speed = _drag(record.design, 1.0 / per_ampere) * power, _slow(record, record.signals["omega"])
+    drag = _largest(record) * power / max(float(np.mean(power[record.prepared.keep][record.mask])), 1e-300)
+    speed = _slow(record, record.signals["omega"])
     return [drag * speed * (1.0 - speed**2), drag * speed**3]
 
 
-def _drag(design: Design, current: float) -> float:
-    """Load, N m, of a current, A, in either axis, by its reluctance torque."""
-    motor = design.motor
+def _largest(record: Record) -> float:
+    """Load, N m, of a ripple as large as the largest current of the log, in either axis."""
+    motor = record.design.motor
     assert motor.p is not None  # asked by `ripple_torques`
     assert motor.L_d is not None
     assert motor.L_q is not None
+    current = float(np.max(np.abs(record.target[0]), where=record.mask, initial=0.0)) / record.design.K_t_assumed
     return -float(torque_em.py_func(motor.p, 0.0, motor.L_d, motor.L_q, current, current))
 
 
