@@ -421,7 +421,8 @@ def _made(
     level = np.hypot(*target[1:]) if len(channels) > 1 else np.zeros(0)
     voltages = voltage_weights(design, prepared, signals, level, log, channels[1:])
     source = "torque" if "torque" in log else "i_q"
-    levels = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
+    # thinned, or its filter undone, a channel shows its steps no more
+    levels = [quantisation_error(given[name], given.rate) for name in (source, *channels[1:])]
     levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
     log = replace(log, channels={n: log[n] for n in ("t", "theta", source) if n in log})  # the rest of it is large
     at_all = at_given_rate(whole, log, timing, prepared, source)
