@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.weights import quantisation_error
+from tests.effort import seeds
 
 RATE, COUNT = 1e3, 20000
 Array = np.ndarray
@@ -65,3 +69,16 @@ def test_a_signal_without_noise_passes_through_many_levels(seed: int) -> None:
 def test_noise_beyond_the_step_smooths_it() -> None:
     rng = np.random.default_rng(1)
     assert quantisation_error(np.round(5.0 * rng.standard_normal(COUNT)), RATE) == 0.0
+
+
+@pytest.mark.parametrize("rate", [1000.0, 4000.0])
+@pytest.mark.parametrize("seed", seeds(1, 2))
+def test_a_fast_log_that_is_thinned_shows_its_steps(rate: float, seed: int) -> None:
+    """World 10000342: thinned to 1 kHz a drive signal has none, and a drag of half a step had a name."""
+    effects = [{"id": "coulomb", "F_c": 0.1}]
+    design = Design.from_dict({"name": "axis", "motor": {"J": 1e-3, "K_t": 0.5}, "effects": effects})
+    t = np.arange(0.0, 10.0, 1.0 / rate)
+    omega, alpha = 20.0 * np.sin(t), 20.0 * np.cos(t)
+    torque = 1e-3 * alpha + 0.1 * np.sign(omega) + 1e-3 * np.random.default_rng(seed).normal(size=len(t))
+    log = Log({"t": t, "theta": -20.0 * np.cos(t), "torque": 0.01 * np.round(torque / 0.01)})
+    assert make_record(design, log).coarse[0] == pytest.approx(0.005)
