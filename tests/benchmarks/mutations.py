@@ -131,7 +131,7 @@ MUTATIONS = (
     Mutation("ties: everything is equivalent", "diagnose/look_alikes.py",
              "return left < tie or", "return left > tie or", "unit/diagnose/test_selection.py"),
     Mutation("ripple of the current: a drive in place of a drag", "regression/reluctance.py",
-             "largest = -torque_em", "largest = torque_em", "unit/regression/test_reluctance.py"),
+             "return -float(torque_em", "return float(torque_em", "unit/regression/test_reluctance.py"),
     Mutation("shapes: a size that is not determined passes", "diagnose/criteria.py",
              "if value <= policy.sure_errors * stderr", "if value <= 0.0 * stderr", "unit/diagnose/test_criteria.py"),
     Mutation("amplitudes: one that is not determined passes", "diagnose/criteria.py",

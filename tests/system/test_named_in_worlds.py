@@ -459,6 +459,7 @@ def test_half_the_band_is_conditioned_with_an_effect_that_is_most_of_the_residua
     assert [step.effect for step in found.steps] == [effect]
 
 
+@pytest.mark.slow
 def test_a_wave_above_the_band_is_seen_through_the_filter_of_the_drive_signal() -> None:
     world = draw(2101492)  # margin 6.5; a first order of 3.8 ms halves the wave above the band
     hidden = {"wave": 0.07417452, "wave_order": 12.0, "wave_phase": 2.887055}
