@@ -44,8 +44,8 @@ def ripple_torques(record: Record) -> list[Array]:
         return []
     if "i_d" in record.prepared.signals and record.design.log.of("i_q").sampling == "instant":
         return []
-    speed, rate = (_slow(record, signals[name]) for name in ("omega", "alpha"))
-    return [_largest(record) * speed**m * rate**n for m, n in RIPPLES]
+    largest, speed, rate = _largest(record), *(_slow(record, signals[name]) for name in ("omega", "alpha"))
+    return [largest * speed**m * rate**n for m, n in RIPPLES]
 
 
 def holds_ripple(log: Log) -> bool:

@@ -217,13 +217,16 @@ def quantisation_error(raw: Array, rate: float) -> float:
     The steps of a command are no error, since the drive makes them; see `_quantised`.
     Source: B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008, ch. 4 and 19 (dither).
     """
+    change = np.abs(np.diff(raw))
+    if np.all(change > 0.0):  # in steps some neighbours are equal; sorting a long signal takes a third of a second
+        return 0.0
     least = ROUNDING * float(np.ptp(raw))
     steps = np.diff(np.unique(raw))
     steps = steps[steps > least]
     if len(steps) == 0:
         return 0.0
     step = float(steps.min())
-    if not _quantised(np.abs(np.diff(raw)), step, len(steps) + 1, rate):
+    if not _quantised(change, step, len(steps) + 1, rate):
         return 0.0
     return 0.5 * step if scatter(raw, rate) < DITHER * step else 0.0
 

@@ -102,7 +102,7 @@ def test_it_follows_from_what_the_log_shows_of_the_ripple(shown: float) -> None:
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
 def test_loops_that_swing_at_a_speed_make_no_drag(seed: int) -> None:
-    """World 10000071: over the speed their ripple is no power of it, and half the size that a reference's step has."""
+    """World 10000071: their ripple has a peak over the speed, and follows no power of it."""
     log, _ = log_of(seed, 0.7, 0.5e-3, swings_at=40.0)
     found = diagnose(design(), log, plan=False, candidates=CURVES)
     assert not found.steps
