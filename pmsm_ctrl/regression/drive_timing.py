@@ -41,6 +41,7 @@ __all__ = [
     "emf_winding",
     "filter_behind",
     "in_time",
+    "late_for",
     "possible_sampling",
     "sampling_columns",
     "stated_timing",
@@ -53,7 +54,7 @@ LATENESS, SPREAD, EMF, EMF_FILTERED = "tau_drive", "spread_drive", "tau_emf", "t
 INSTANT = "instant"  # what the current of an instant is larger by than its mean over a control period
 AGE, SPEED_SPREAD = "tau_speed", "spread_speed"  # of a speed without a position
 # By which the compensation of the back-emf lags, s: a speed filter; and the longest one that two columns describe.
-EMF_LATE, LONGEST_FILTER = 5e-3, 8e-3
+EMF_LATE, LONGEST_FILTER = 5e-3, 10e-3
 # What is sampled with the current, and so as late as that.
 DRIVE = ("torque", "i_q", "i_d")
 OTHERS = ("theta", "omega", "u_d", "u_q")
@@ -192,6 +193,27 @@ def emf_winding(design: Design) -> tuple[float, float, int, float] | None:
     return m.R, m.L_q, m.p, m.psi_f
 
 
+def _inertia_of_emf(design: Design) -> float:
+    """Return by how much the back-emf is inertia to a command of the slowest current loop, kg m^2; 0 if not known."""
+    winding = emf_winding(design)
+    return 0.0 if winding is None else design.K_t_assumed * winding[2] * winding[3] * CURRENT_LOOP / winding[0]
+
+
+def late_for(design: Design, early: float, inertia: float) -> float:
+    """Return how late a compensation of the back-emf makes a command as early as it is, s, beyond a current loop of 320 Hz.
+
+    Parameters
+    ----------
+    design : Design
+        With a winding.
+    early : float
+        s.
+    inertia : float
+        kg m^2.
+    """
+    return max(early - 0.5 * CURRENT_LOOP, 0.0) * inertia / _inertia_of_emf(design)
+
+
 def emf_left(design: Design, alpha: Array, period: float) -> tuple[Array, Array] | None:
     """Torque error of a command by the back-emf that the current loop does not reject, per second of late compensation.
 
@@ -220,10 +242,10 @@ def emf_left(design: Design, alpha: Array, period: float) -> tuple[Array, Array]
     winding = emf_winding(design)
     if winding is None:
         return None
-    R, L_q, p, psi_f = winding
+    R, L_q, _, _ = winding
     decay = math.exp(-period * R / L_q)
     lagged = np.asarray(lfilter([1.0 - decay], [1.0, -decay], derivative(alpha, period)))
-    late = design.K_t_assumed * p * psi_f * CURRENT_LOOP / R * lagged
+    late = _inertia_of_emf(design) * lagged
     smooth = math.exp(-period / EMF_LATE)
     return late, np.asarray(lfilter([1.0 - smooth], [1.0, -smooth], late))
 

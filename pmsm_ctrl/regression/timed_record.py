@@ -36,6 +36,7 @@ from pmsm_ctrl.regression.drive_timing import (
     emf_winding,
     filter_behind,
     in_time,
+    late_for,
     possible_sampling,
     stated_timing,
 )
@@ -257,9 +258,10 @@ def _as_command(design: Design, record: Record, fit: Estimated) -> tuple[Record,
     """Return the record as that of a command where it shows itself as one, and its fit.
 
     A command exceeds the current where the compensation of the back-emf is late, by no more than a speed filter, and by
-    one that the terms can describe. Either that lowers the error by as much as any filter has to, or the signal is
-    early as well, by a current loop. Of what is measured neither holds: there the terms of a command would stand in for
-    springs, gaps and delays.
+    one that the terms can describe. Where the axis hardly ever turns back, an early torque cannot be told from a late
+    compensation: what exceeds a usual current loop is that to the filter. Either that lowers the error by as much as
+    any filter has to, or the signal is early as well, by a current loop. Of what is measured neither holds: there the
+    terms of a command would stand in for springs, gaps and delays.
     """
     if not _may_be_command(record):
         return record, fit
@@ -268,7 +270,8 @@ def _as_command(design: Design, record: Record, fit: Estimated) -> tuple[Record,
     early = -record.timing.delay - value
     filtered, error = found.value(EMF_FILTERED)
     late = found.level(EMF) + filtered
-    if not (0.0 < late < EMF_LATE and filtered > -SURE * error and EMF_LATE * filtered < LONGEST_FILTER * late):
+    longest = LONGEST_FILTER * (late + late_for(design, early, found.level("J")))
+    if not (0.0 < late < EMF_LATE and filtered > -SURE * error and EMF_LATE * filtered < longest):
         return record, fit
     shown = early > max(FASTEST_LOOP, SURE * stderr) or error_left(tried, found) < LOWERED * error_left(record, fit)
     return (tried, found) if shown else (record, fit)
