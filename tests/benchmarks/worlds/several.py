@@ -105,7 +105,9 @@ def report(rows: list[dict[str, Any]]) -> None:
         print(f"\n{'any number' if number is None else number} of effects, {len(part)} logs")
         print(f"  effects named: {interval(sum(len(r['right']) for r in part), effects)}")
         named = [r for r in part if r["named"]]
-        print(f"  first name is one of them: {interval(sum(r['named'][0] not in r['false'] for r in named), len(named))}")
+        print(
+            f"  first name is one of them: {interval(sum(r['named'][0] not in r['false'] for r in named), len(named))}"
+        )
         print(f"  logs with a false name: {interval(sum(bool(r['false']) for r in part), len(part))}")
         print(f"  `consistent`: {interval(sum(r['verdict'] == 'consistent' for r in part), len(part))}")
         print(f"  verdicts {dict(Counter(r['verdict'] for r in part).most_common())}")
