@@ -6,6 +6,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 - `events`: what happened once, kept out of every fit
 - `late`: the log as it was logged, where torque and currents lag the motion by more than any sampling
 - `selection`: one round, the best candidate that passes
+- `together`: effects that are each a minor part of what is left, and most of it together
 - `swap`: effects that another one can replace
 - `bands`: the same log in a narrower band, where nothing is named and where a name is checked
 - `above_band`: a wave of a turn where it is too fast for the band
@@ -47,6 +48,7 @@ from pmsm_ctrl.diagnose.resonance import compared, measured, started
 from pmsm_ctrl.diagnose.result import Diagnosis
 from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, significant, with_sampling_told
 from pmsm_ctrl.diagnose.swap import swap
+from pmsm_ctrl.diagnose.together import together
 from pmsm_ctrl.diagnose.unexplained import unexplained
 from pmsm_ctrl.diagnose.verdict import explains_most, explains_most_beside_noise
 from pmsm_ctrl.diagnose.written import as_written
@@ -415,7 +417,8 @@ def _select(
         del found  # the model that the effect was judged by, which the selection has no use for
     if len(selection.steps) < len(start):
         return Selection(selection.fits[:1], (), found.refused)
-    return selection.plus(found)
+    selection = selection.plus(found)
+    return selection if start else together(case, selection)
 
 
 def condition(

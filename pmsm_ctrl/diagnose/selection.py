@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from pmsm_ctrl.diagnose import criteria
@@ -32,7 +32,7 @@ from pmsm_ctrl.regression.columns import SINGLE, effect_group
 from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = [
-    "Found", "Selection", "Step", "best", "judged_trials", "name_of", "significant",
+    "Found", "Selection", "Step", "best", "judged_trials", "name_of", "passes", "significant", "with_p_values",
     "with_sampling_told", "with_trial",
 ]  # fmt: skip
 
@@ -165,36 +165,70 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         Ids that the selection begins with: no other one is looked at before these are in.
     """
     fit, number = selection.fit, len(selection.steps)
-    minor_too = case.minor_too and not number
     if number == case.policy.most_steps:
         return Found(None, None, selection.refused)
     only = start[number] if number < len(start) else ""
     refused: dict[str, Refusal] = {}
-    for trial, p_holm in zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True):
+    for trial, p_holm in with_p_values(fit):
         name = name_of(trial)
         if name in refused or (only and trial.candidate.effect.id != only):
             continue
-        largest, barely_too = selection.largest_beside(trial), not (number or minor_too or case.surely)
-        judged = judge_trial(fit, trial, p_holm, case.policy, largest, minor_too, barely_too)
-        judged = judged if isinstance(judged, Refusal) else like_ripple(case, fit, trial) or judged
-        if isinstance(judged, Refusal):
-            refused[name] = judged
-            continue
-        after = with_trial(case, fit, trial)
-        # an effect that is still to come may be what brings a parameter back inside its bounds
-        refusal = None if number + 1 < len(start) else judge_refit(fit, after, trial, case.policy)
-        refusal = refusal or judge_holdout(case, fit, after)
-        sure = minor_too or (case.surely and not number) or slight(fit, trial) or judged.barely
-        if refusal is None and number + 1 >= len(start):
-            refusal = unlike_in_half(case, fit, after, sure) or judge_size(case, after)
-            refusal = refusal or unlike_above(case, after)
-        if refusal is None:
-            alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
-            alike = (*alike, *nearly_in_model(fit, trial, case.policy))
-            return Found(Step(trial, judged, tuple(dict.fromkeys(alike))), after, refused)
-        refused[name] = refusal
-        del after  # a fit of a long log is large: the next one takes its place
+        passed = passes(case, selection, trial, p_holm, more_to_come=number + 1 < len(start))
+        if not isinstance(passed, Refusal):
+            return Found(*passed, refused)
+        refused[name] = passed
     return Found(None, None, refused)
+
+
+def passes(
+    case: Case, selection: Selection, trial: Trial, p_holm: float, more_to_come: bool = False
+) -> tuple[Step, Fitted] | Refusal:
+    """Return the step that a candidate makes and everything fitted again with it, or what refuses it.
+
+    Parameters
+    ----------
+    case : Case
+    selection : Selection
+    trial : Trial
+        One of its last fit's.
+    p_holm : float
+        Corrected for all candidates.
+    more_to_come : bool
+        Whether an effect that is still to come may be what brings a parameter back inside its bounds.
+
+    Returns
+    -------
+    (Step, Fitted) or Refusal
+    """
+    fit, number = selection.fit, len(selection.steps)
+    minor_too = case.minor_too and not number
+    largest, barely_too = selection.largest_beside(trial), not (number or minor_too or case.surely)
+    judged = judge_trial(fit, trial, p_holm, case.policy, largest, minor_too, barely_too)
+    judged = judged if isinstance(judged, Refusal) else like_ripple(case, fit, trial) or judged
+    if isinstance(judged, Refusal):
+        return judged
+    after = with_trial(case, fit, trial)
+    refusal = None if more_to_come else judge_refit(fit, after, trial, case.policy)
+    refusal = refusal or judge_holdout(case, fit, after)
+    sure = minor_too or (case.surely and not number) or slight(fit, trial) or judged.barely
+    if refusal is None and not more_to_come:
+        refusal = unlike_in_half(case, fit, after, sure) or judge_size(case, after)
+        refusal = refusal or unlike_above(case, after)
+    if refusal is not None:
+        return refusal
+    alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
+    alike = (*alike, *nearly_in_model(fit, trial, case.policy))
+    return Step(trial, judged, tuple(dict.fromkeys(alike))), after
+
+
+def with_p_values(fit: Fitted) -> Iterator[tuple[Trial, float]]:
+    """Yield the candidates of a fit, the one that explains most first, with p-values corrected for their number.
+
+    Parameters
+    ----------
+    fit : Fitted
+    """
+    return zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True)
 
 
 def with_sampling_told(case: Case, selection: Selection) -> Selection:
@@ -241,7 +275,7 @@ def judged_trials(
         The one that explains most first.
     """
     out = []
-    for trial, p_holm in zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True):
+    for trial, p_holm in with_p_values(fit):
         judged = judge_trial(fit, trial, p_holm, policy)
         refusal = judged if isinstance(judged, Refusal) else None
         if refusal is None and case is not None:
@@ -259,8 +293,7 @@ def significant(fit: Fitted, policy: Policy = POLICY) -> set[str]:
         With its trials.
     policy : Policy
     """
-    p_values = zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True)
-    return {name_of(trial) for trial, p in p_values if criteria.significance(p, policy) is None}
+    return {name_of(trial) for trial, p in with_p_values(fit) if criteria.significance(p, policy) is None}
 
 
 def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Refusal | None:

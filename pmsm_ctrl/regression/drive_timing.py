@@ -200,7 +200,7 @@ def _inertia_of_emf(design: Design) -> float:
 
 
 def late_for(design: Design, early: float, inertia: float) -> float:
-    """Return how late a compensation of the back-emf makes a command as early as it is, s, beyond a current loop of 320 Hz.
+    """Return how late a compensation of the back-emf makes a command that early, s, beyond a loop of 320 Hz.
 
     Parameters
     ----------

@@ -58,15 +58,16 @@ def several(seed: int) -> tuple[World, Log, dict[str, float]] | None:
 def matched(hidden: list[str], named: list[tuple[str, ...]]) -> tuple[list[str], list[str]]:
     """Return the hidden effects that a name stands for, each name for one, and the names that stand for none.
 
-    `named` holds each name with those that the answer declares equivalent.
+    A name stands for itself before it stands for another one. `named` holds each name with those that the answer declares equivalent.
     """
-    left, false = list(hidden), []
-    for names in named:
-        means = next((one for one in left if {one, *SAME.get(one, ())} & set(names)), None)
-        if means is None:
-            false.append(names[0])
-        else:
-            left.remove(means)
+    left, told = list(hidden), dict.fromkeys(range(len(named)), False)
+    for same in (lambda one, names: one == names[0], lambda one, names: bool({one, *SAME.get(one, ())} & set(names))):
+        for number, names in enumerate(named):
+            means = next((one for one in left if not told[number] and same(one, names)), None)
+            if means is not None:
+                told[number] = True
+                left.remove(means)
+    false = [names[0] for number, names in enumerate(named) if not told[number]]
     return [one for one in hidden if one not in left], false
 
 

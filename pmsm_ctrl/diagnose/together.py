@@ -1,0 +1,128 @@
+"""Effects that are each a minor part of what is left, and most of it together.
+
+Of three effects that are missing alike each is a third of the residual, and a third is no evidence: sampling and
+filters leave errors that any effect explains in part. So where most of the residual is no noise, and no candidate
+passes, the one that explains most is assumed, and the selection goes on beside it. What comes of that counts only if
+every effect, taken out alone, passes all criteria beside the others, as if it were the last to come: then it is most of
+what is left. An effect that was accepted while others were missing, and does not, goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.criteria import CrossValidation
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted
+from pmsm_ctrl.diagnose.judging import Evidence
+from pmsm_ctrl.diagnose.level import level_of
+from pmsm_ctrl.diagnose.measures import contribution, excess_of
+from pmsm_ctrl.diagnose.policy import Policy
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
+from pmsm_ctrl.diagnose.search import Trial
+from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, passes, with_p_values, with_trial
+
+__all__ = ["above_floor", "together"]
+
+# What may refuse an effect because others are missing as well.
+IN_PART = (Reason.MINOR, Reason.NOT_CONFIRMED, Reason.MODEL_OUT_OF_BOUNDS)
+DEEPEST = 3  # effects that are assumed at once
+
+
+def above_floor(fit: Fitted, policy: Policy) -> bool:
+    """Whether most of the residual of a balance is no noise.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    rows = range(len(fit.record.channels))
+    return any(level_of(fit, row).left ** 2 * (1.0 - policy.explained_torque) > 1.0 for row in rows)
+
+
+def together(case: Case, found: Selection) -> Selection:
+    """Return a selection with more effects, each of which passes beside all others; the same where there is none.
+
+    Parameters
+    ----------
+    case : Case
+    found : Selection
+        Complete, and with an effect: where nothing is named, what is left may be no effect at all.
+    """
+    if not (found.steps and above_floor(found.fit, case.policy)):
+        return found
+    for trial, _ in list(_in_part(found, case.policy))[: case.policy.most_rivals]:
+        assumed = _assuming(case, found, trial)
+        for _ in range(DEEPEST):
+            while (more := best(case, assumed)).accepted:
+                assumed = assumed.plus(more)
+            assumed = assumed.plus(more)
+            if len(assumed.steps) > len(found.steps) + 1 and (sure := _standing(case, found, assumed)) is not None:
+                return sure
+            following = next(_in_part(assumed, case.policy), None)
+            if following is None or len(assumed.steps) == case.policy.most_steps:
+                break
+            assumed = _assuming(case, assumed, following[0])
+    return found
+
+
+def _in_part(found: Selection, policy: Policy) -> Iterator[tuple[Trial, float]]:
+    """Yield the significant candidates that others may have been in the way of, the one that explains most first.
+
+    None with a memory: what it explains of several effects is no evidence.
+    """
+    for trial, p in with_p_values(found.fit):
+        refusal = found.refused.get(name_of(trial))
+        usable = not (
+            trial.singular or trial.wrong_sign or trial.at_bound or trial.candidate.effect.structure.has_memory
+        )
+        if usable and p <= policy.significance and refusal is not None and refusal.reason in IN_PART:
+            yield trial, p
+
+
+def _assuming(case: Case, found: Selection, trial: Trial) -> Selection:
+    """Return the selection with an effect that has not passed."""
+    fit = found.fit
+    share, _ = excess_of(fit.plain, trial, trial.plain_gain)
+    nothing = CrossValidation(0.0, 0.0, 0, 1.0)
+    evidence = Evidence(trial.gain, trial.p_value, 1.0, contribution(fit, trial), share, nothing)
+    after = case.keep(with_trial(case, fit, trial))
+    return Selection((*found.fits, after), (*found.steps, Step(trial, evidence, ())))
+
+
+def _standing(case: Case, found: Selection, assumed: Selection) -> Selection | None:
+    """Return the selection of those effects that pass beside all others; None unless they are more than before."""
+    accepted, steps = list(assumed.accepted), list(assumed.steps)
+    while len(accepted) > len(found.steps):
+        judged: dict[int, Step] = {}
+        for k in reversed(range(len(accepted))):  # those that came last are the likeliest to fall
+            one = _alone(case, accepted, steps, k)
+            if isinstance(one, Refusal):
+                del accepted[k], steps[k]
+                break
+            judged[k] = one
+        else:
+            return _built(case, accepted, [judged[k] for k in range(len(accepted))])
+    return None
+
+
+def _alone(case: Case, accepted: list[Accepted], steps: list[Step], k: int) -> Step | Refusal:
+    """Judge an effect as if it were the last to come."""
+    before = case.keep(case.fit((*accepted[:k], *accepted[k + 1 :])))
+    others = Selection((before,), (*steps[:k], *steps[k + 1 :]))
+    wanted = accepted[k].effect.label(accepted[k].shape)
+    for trial, p_holm in with_p_values(before):
+        if name_of(trial) == wanted:
+            passed = passes(case, others, trial, p_holm)
+            return passed if isinstance(passed, Refusal) else passed[0]
+    return Refusal(Reason.NOT_INDEPENDENT)
+
+
+def _built(case: Case, accepted: list[Accepted], steps: list[Step]) -> Selection:
+    """Return the selection that accepts these effects in this order."""
+    fits = [case.keep(case.fit(tuple(accepted[:k]))) for k in range(len(accepted) + 1)]
+    whole = Selection(tuple(fits), tuple(steps))
+    while (more := best(case, whole)).accepted:
+        whole = whole.plus(more)
+    return whole.plus(more)
