@@ -200,7 +200,7 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     """
     if (wide := in_wider_band(case)) is not None:
         waves = _select(wide, progress=lambda share: progress(0.9))
-        if waves.steps and order_of(waves.accepted[0], case.design.motor.p or 0) in case.too_fast:
+        if any(order_of(one, case.design.motor.p or 0) in case.too_fast for one in waves.accepted):
             return _answered(wide, waves, plan, progress)
     selection = _select(case, progress=progress, taken=taken)
     shown = set() if selection.steps else significant(selection.fit, case.policy)
