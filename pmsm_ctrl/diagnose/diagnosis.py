@@ -418,7 +418,10 @@ def _select(
     if len(selection.steps) < len(start):
         return Selection(selection.fits[:1], (), found.refused)
     selection = selection.plus(found)
-    return selection if start else together(case, selection)
+    whole = selection if start else together(case, selection)
+    if taken is not None and whole is not selection:
+        taken(whole)
+    return whole
 
 
 def condition(

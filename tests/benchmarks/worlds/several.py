@@ -58,7 +58,8 @@ def several(seed: int) -> tuple[World, Log, dict[str, float]] | None:
 def matched(hidden: list[str], named: list[tuple[str, ...]]) -> tuple[list[str], list[str]]:
     """Return the hidden effects that a name stands for, each name for one, and the names that stand for none.
 
-    A name stands for itself before it stands for another one. `named` holds each name with those that the answer declares equivalent.
+    A name stands for itself before it stands for another one. `named` holds each name with those that the answer
+    declares equivalent.
     """
     left, told = list(hidden), dict.fromkeys(range(len(named)), False)
     for same in (lambda one, names: one == names[0], lambda one, names: bool({one, *SAME.get(one, ())} & set(names))):
