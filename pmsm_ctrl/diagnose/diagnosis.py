@@ -201,8 +201,8 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     if (wide := in_wider_band(case)) is not None:
         waves = _select(wide, progress=lambda share: progress(0.9))
         if any(order_of(one, case.design.motor.p or 0) in case.too_fast for one in waves.accepted):
-            return _answered(wide, waves, plan, progress)
-    selection = _select(case, progress=progress, taken=taken)
+            return _answered(wide, together(wide, waves), plan, progress)
+    selection = _selected(case, progress=progress, taken=taken)
     shown = set() if selection.steps else significant(selection.fit, case.policy)
     minor = replace(case, minor_too=True, remarks=(*case.remarks, words.MINOR_PART()))
     small = selection  # any other refusal would be the same again; and `_answered` forgets the columns
@@ -285,7 +285,7 @@ def in_wider_band(case: Case) -> Case | None:
 
 def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) -> tuple[Case, Diagnosis]:
     """Swap effects that another one explains better, and judge what is left."""
-    again = partial(_select, progress=lambda share: progress(0.9))
+    again = partial(_selected, progress=lambda share: progress(0.9))
     selection = swap(case, selection, again)
     case, selection = conditioned_again(case, selection, lambda other: swap(other, again(other), again))
     same = _same_beside_noise(case, selection)
@@ -417,7 +417,14 @@ def _select(
         del found  # the model that the effect was judged by, which the selection has no use for
     if len(selection.steps) < len(start):
         return Selection(selection.fits[:1], (), found.refused)
-    selection = selection.plus(found)
+    return selection.plus(found)
+
+
+def _selected(
+    case: Case, start: tuple[str, ...] = (), progress: Progress | None = None, taken: Taken | None = None
+) -> Selection:
+    """Accept effects, and those that are most of what is left together; with `start` as `_select` does."""
+    selection = _select(case, start, progress, taken)
     whole = selection if start else together(case, selection)
     if taken is not None and whole is not selection:
         taken(whole)

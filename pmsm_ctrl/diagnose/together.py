@@ -48,26 +48,30 @@ def together(case: Case, found: Selection) -> Selection:
     ----------
     case : Case
     found : Selection
-        Complete, and with an effect: where nothing is named, what is left may be no effect at all.
+        Complete. Where nothing is named, what is left may be no effect at all: then the usual band has to show the new
+        effects, and hardly more than noise beside them.
     """
-    if not (found.steps and above_floor(found.fit, case.policy)):
+    first = not found.steps
+    if (first and (case.minor_too or case.surely)) or not above_floor(found.fit, case.policy):
         return found
-    for trial, _ in list(_in_part(found, case.policy))[: case.policy.most_rivals]:
-        assumed = _assuming(case, found, trial)
-        for _ in range(DEEPEST):
-            while (more := best(case, assumed)).accepted:
-                assumed = assumed.plus(more)
+    assumed = found
+    for _ in range(DEEPEST):
+        following = next(_in_part(assumed, case.policy), None)
+        if following is None or len(assumed.steps) == case.policy.most_steps:
+            break
+        assumed = _assuming(case, assumed, following)
+        while (more := best(case, assumed)).accepted:
             assumed = assumed.plus(more)
-            if len(assumed.steps) > len(found.steps) + 1 and (sure := _standing(case, found, assumed)) is not None:
-                return sure
-            following = next(_in_part(assumed, case.policy), None)
-            if following is None or len(assumed.steps) == case.policy.most_steps:
-                break
-            assumed = _assuming(case, assumed, following[0])
+        assumed = assumed.plus(more)
+        if len(assumed.steps) == len(found.steps) + 1 or (first and above_floor(assumed.fit, case.policy)):
+            continue
+        sure = _standing(case, found, assumed)
+        if sure is not None and not (first and above_floor(sure.fit, case.policy)):
+            return sure
     return found
 
 
-def _in_part(found: Selection, policy: Policy) -> Iterator[tuple[Trial, float]]:
+def _in_part(found: Selection, policy: Policy) -> Iterator[Trial]:
     """Yield the significant candidates that others may have been in the way of, the one that explains most first.
 
     None with a memory: what it explains of several effects is no evidence.
@@ -78,7 +82,7 @@ def _in_part(found: Selection, policy: Policy) -> Iterator[tuple[Trial, float]]:
             trial.singular or trial.wrong_sign or trial.at_bound or trial.candidate.effect.structure.has_memory
         )
         if usable and p <= policy.significance and refusal is not None and refusal.reason in IN_PART:
-            yield trial, p
+            yield trial
 
 
 def _assuming(case: Case, found: Selection, trial: Trial) -> Selection:

@@ -12,7 +12,7 @@ __all__ = ["f_tail", "holm", "limited_gain_errors", "mean_gain", "noncentrality"
 
 Array = NDArray[np.float64]
 
-MOST_EXACT = 50  # gains, all different, whose ranks are counted out; sums up to 2^50 are exact
+MOST_EXACT = 50  # gains above and below zero whose ranks are counted out; sums up to 2^50 are exact
 
 
 def f_tail(f: float, k: int, dof: int) -> float:
@@ -89,24 +89,25 @@ def rank_test(gains: Array) -> float:
     gains : array, shape (blocks,)
         Without any, or where all are zero, the p-value is 1.
     """
-    if not np.any(gains):
+    gains = gains[gains != 0.0]
+    if not len(gains):
         return 1.0
-    size = np.sort(np.abs(gains))
-    if size[0] == 0.0 or np.any(np.diff(size) == 0.0) or len(gains) > MOST_EXACT:
+    if len(gains) > MOST_EXACT:
         from scipy.stats import wilcoxon
 
         return float(wilcoxon(gains, alternative="greater").pvalue)
-    ranks = np.argsort(np.argsort(np.abs(gains))) + 1
-    return float(_rank_sum_tail(len(gains))[int(ranks[gains > 0.0].sum())])
+    _, place, count = np.unique(np.abs(gains), return_inverse=True, return_counts=True)
+    doubled = (2 * np.cumsum(count) - count + 1)[place]  # equal ones share the mean of their ranks
+    return float(_rank_sum_tail(tuple(sorted(doubled.tolist())))[int(doubled[gains > 0.0].sum())])
 
 
-@lru_cache(maxsize=8)
-def _rank_sum_tail(n: int) -> Array:
-    """Chance that the ranks of n coin throws sum up to at least 0, 1, 2, ...: exact."""
+@lru_cache(maxsize=32)
+def _rank_sum_tail(ranks: tuple[int, ...]) -> Array:
+    """Chance that the ranks for which a coin falls on heads sum up to at least 0, 1, 2, ...: exact."""
     count = np.ones(1)
-    for rank in range(1, n + 1):
+    for rank in ranks:
         count = np.pad(count, (0, rank)) + np.pad(count, (rank, 0))
-    return np.cumsum(count[::-1])[::-1] / 2.0**n
+    return np.cumsum(count[::-1])[::-1] / 2.0 ** len(ranks)
 
 
 @lru_cache(maxsize=64)

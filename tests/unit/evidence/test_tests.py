@@ -34,9 +34,16 @@ def test_gains_of_zero_say_nothing(blocks: int) -> None:
     assert rank_test(np.zeros(blocks)) == 1.0
 
 
-def test_rank_test_bears_equal_gains() -> None:
-    gains = np.array([1.0, -1.0, 2.0, 3.0, 3.0, 0.0, 4.0, 5.0])
-    assert rank_test(gains) == pytest.approx(wilcoxon(gains, alternative="greater").pvalue)
+@pytest.mark.parametrize(
+    "gains",
+    [
+        [1.0, -1.0, 2.0, 3.0, 3.0, 0.0, 4.0, 5.0],
+        [0.0, 0.0, 2.0, -1.0, 4.0, 7.0],
+        [-2.0, 2.0, 2.0, 2.0, 1.0, 1.0, -1.0, 3.0],
+    ],
+)
+def test_rank_test_bears_equal_gains_and_zeros(gains: list[float]) -> None:
+    assert rank_test(np.array(gains)) == pytest.approx(wilcoxon(gains, alternative="greater").pvalue)
 
 
 def test_noncentrality_gives_half_the_power() -> None:
