@@ -20,7 +20,7 @@ from pmsm_ctrl.diagnose.measures import contribution, excess_of
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial
-from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, passes, with_p_values, with_trial
+from pmsm_ctrl.diagnose.selection import Found, Selection, Step, best, name_of, passes, with_p_values, with_trial
 
 __all__ = ["above_floor", "together"]
 
@@ -91,8 +91,7 @@ def _assuming(case: Case, found: Selection, trial: Trial) -> Selection:
     share, _ = excess_of(fit.plain, trial, trial.plain_gain)
     nothing = CrossValidation(0.0, 0.0, 0, 1.0)
     evidence = Evidence(trial.gain, trial.p_value, 1.0, contribution(fit, trial), share, nothing)
-    after = case.keep(with_trial(case, fit, trial))
-    return Selection((*found.fits, after), (*found.steps, Step(trial, evidence, ())))
+    return Selection((*found.fits, with_trial(case, fit, trial)), (*found.steps, Step(trial, evidence, ())))
 
 
 def _standing(case: Case, found: Selection, assumed: Selection) -> Selection | None:
@@ -113,7 +112,7 @@ def _standing(case: Case, found: Selection, assumed: Selection) -> Selection | N
 
 def _alone(case: Case, accepted: list[Accepted], steps: list[Step], k: int) -> Step | Refusal:
     """Judge an effect as if it were the last to come."""
-    before = case.keep(case.fit((*accepted[:k], *accepted[k + 1 :])))
+    before = case.fit((*accepted[:k], *accepted[k + 1 :]))
     others = Selection((before,), (*steps[:k], *steps[k + 1 :]))
     wanted = accepted[k].effect.label(accepted[k].shape)
     for trial, p_holm in with_p_values(before):
@@ -125,8 +124,11 @@ def _alone(case: Case, accepted: list[Accepted], steps: list[Step], k: int) -> S
 
 def _built(case: Case, accepted: list[Accepted], steps: list[Step]) -> Selection:
     """Return the selection that accepts these effects in this order."""
-    fits = [case.keep(case.fit(tuple(accepted[:k]))) for k in range(len(accepted) + 1)]
-    whole = Selection(tuple(fits), tuple(steps))
+    whole = Selection((case.fit(()),))
+    for k, step in enumerate(steps):
+        fit = case.fit(tuple(accepted[: k + 1]))
+        whole = whole.plus(Found(step, fit, {}))
+        case.keep_alone(fit)
     while (more := best(case, whole)).accepted:
         whole = whole.plus(more)
     return whole.plus(more)
