@@ -45,6 +45,7 @@ __all__ = [
     "SLOW_TORQUE",
     "SPEED_FILTERED",
     "SPEED_LAG",
+    "TAKEN_TOGETHER",
     "TOO_SHORT",
     "TORQUE_CONSTANT",
     "TURNS_TOO_OFTEN",
@@ -123,6 +124,11 @@ MINOR_PART = Template(
     "minor_part",
     "the first effect explains a minor part of what the residual has above its noise floor: most of it is something "
     "else",
+)
+TAKEN_TOGETHER = Template(
+    "taken_together",
+    "{effects}: accepted together; each is confirmed beside all others, and a minor part of the residual without them, "
+    "so that the errors after the single steps say little",
 )
 
 

@@ -78,7 +78,7 @@ def outcome(
         *(notices.EFFECT_NOT_EXCITED(effect=name, why=str(why)) for name, why in hidden.items()),
         *winding_substitutes(selection, policy),
         *notices.at_bounds(final),
-        *_limits(final),
+        *_limits(selection),
         *([left] if left is not None else []),
     )
     return Diagnosis(
@@ -126,11 +126,16 @@ def _records(case: Case, selection: Selection) -> tuple[RecordResult, ...]:
     return tuple(rows)
 
 
-def _limits(fit: Fitted) -> Iterator[Notice]:
+def _limits(selection: Selection) -> Iterator[Notice]:
     """Yield what the accepted effects do not tell.
 
-    The commutation angle, a spring that resonates above the band, a change that goes on after the log.
+    The commutation angle, a spring that resonates above the band, a change that goes on after the log; and
+    errors after single steps.
     """
+    names = [step.trial.candidate.effect.id for step in selection.steps if step.together]
+    if names:
+        yield notices.TAKEN_TOGETHER(effects=", ".join(dict.fromkeys(names)))
+    fit = selection.fit
     band = fit.record.prepared.cutoff
     for one in fit.accepted:
         structure = one.effect.structure

@@ -45,11 +45,15 @@ BEFORE_REFIT = (
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One accepted effect: its trial, its evidence, and the candidates that it cannot be told from."""
+    """One accepted effect: its trial, its evidence, and the candidates that it cannot be told from.
+
+    `together` is whether it was accepted for what it explains beside effects that came after it.
+    """
 
     trial: Trial
     evidence: Evidence
     equivalents: tuple[str, ...]
+    together: bool = False
 
 
 @dataclass(frozen=True, eq=False)

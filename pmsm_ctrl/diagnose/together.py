@@ -10,6 +10,7 @@ what is left. An effect that was accepted while others were missing, and does no
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.criteria import CrossValidation
@@ -106,7 +107,10 @@ def _standing(case: Case, found: Selection, assumed: Selection) -> Selection | N
                 break
             judged[k] = one
         else:
-            return _built(case, accepted, [judged[k] for k in range(len(accepted))])
+            known = {name_of(step.trial) for step in found.steps}
+            sure = [judged[k] for k in range(len(accepted))]
+            sure = [replace(step, together=name_of(step.trial) not in known) for step in sure]
+            return _built(case, accepted, sure)
     return None
 
 

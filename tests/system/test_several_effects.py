@@ -32,6 +32,8 @@ def test_five_effects_are_named_and_a_sixth_one_loses_its_name() -> None:
     found = diagnose(world.design, log, plan=False, candidates=[*FIVE, "encoder_eccentricity"])
     assert {step.effect for step in found.steps} == FIVE
     assert found.errors["final"]["torque"]["relative"] < 0.002
+    (said,) = [one for one in found.notices if one.code == "taken_together"]
+    assert set(said.detail["effects"].split(", ")) == {"constant_load", "unbalance", "viscous_power"}
     values = {name: one for step in found.steps for name, one in step.parameters.items()}
     assert values["T_0"].value == pytest.approx(0.047605, rel=0.02)
     assert values["dF_v"].value == pytest.approx(0.0027031, rel=0.02)
