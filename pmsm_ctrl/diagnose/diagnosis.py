@@ -48,7 +48,7 @@ from pmsm_ctrl.diagnose.resonance import compared, measured, started
 from pmsm_ctrl.diagnose.result import Diagnosis
 from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, significant, with_sampling_told
 from pmsm_ctrl.diagnose.swap import swap
-from pmsm_ctrl.diagnose.together import together
+from pmsm_ctrl.diagnose.together import standing, together
 from pmsm_ctrl.diagnose.unexplained import unexplained
 from pmsm_ctrl.diagnose.verdict import explains_most, explains_most_beside_noise
 from pmsm_ctrl.diagnose.written import as_written
@@ -288,6 +288,7 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
     again = partial(_selected, progress=lambda share: progress(0.9))
     selection = swap(case, selection, again)
     case, selection = conditioned_again(case, selection, lambda other: swap(other, again(other), again))
+    selection = standing(case, selection)
     same = _same_beside_noise(case, selection)
     forget_effects(case.record)  # hundreds of columns that no test of a candidate needs any more
     case.fits.clear()

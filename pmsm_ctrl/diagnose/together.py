@@ -1,4 +1,4 @@
-"""Effects that are each a minor part of what is left, and most of it together.
+"""Effects that are each a minor part of what is left, and most of it together; and those that others make superfluous.
 
 Of three effects that are missing alike each is a third of the residual, and a third is no evidence: sampling and
 filters leave errors that any effect explains in part. So where most of the residual is no noise, and no candidate
@@ -23,7 +23,7 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Found, Selection, Step, best, name_of, passes, with_p_values, with_trial
 
-__all__ = ["above_floor", "together"]
+__all__ = ["above_floor", "standing", "together"]
 
 # What may refuse an effect because others are missing as well.
 IN_PART = (Reason.MINOR, Reason.NOT_CONFIRMED, Reason.MODEL_OUT_OF_BOUNDS)
@@ -69,6 +69,25 @@ def together(case: Case, found: Selection) -> Selection:
         sure = _standing(case, found, assumed)
         if sure is not None and not (first and above_floor(sure.fit, case.policy)):
             return sure
+    return found
+
+
+def standing(case: Case, found: Selection) -> Selection:
+    """Return the selection without effects that do not pass beside those that came after them.
+
+    What was named while others were missing may have stood in for them. A wave with an order of its own does not.
+
+    Parameters
+    ----------
+    case : Case
+    found : Selection
+        Complete.
+    """
+    accepted, steps = list(found.accepted), list(found.steps)
+    for k in reversed(range(len(accepted) - 1)):
+        if not accepted[k].effect.repeated and isinstance(_alone(case, accepted, steps, k), Refusal):
+            del accepted[k], steps[k]
+            return standing(case, _built(case, accepted, steps))
     return found
 
 
