@@ -249,7 +249,7 @@ def test_a_delay_fitted_by_the_noise_of_another_fit_is_that_fitted_by_its_own(de
 def test_minor_effects_are_selected_where_one_was_refused_as_minor(
     monkeypatch: pytest.MonkeyPatch, reason: Reason, passes: bool
 ) -> None:
-    def select(case: Case, progress: Any = None, taken: Any = None) -> Selection:
+    def select(case: Case, start: Any = (), progress: Any = None, taken: Any = None) -> Selection:
         steps: Any = ("a",) if case.minor_too and passes else ()
         asked.append(case.minor_too)
         return Selection((fit,), steps, {"a": Refusal(reason)})
@@ -262,6 +262,7 @@ def test_minor_effects_are_selected_where_one_was_refused_as_minor(
     for name, made in {
         "_select": select, "_answered": answered, "significant": lambda *a: {"a"},
         "explains_most": lambda *a: True, "in_narrower_bands": lambda *a: (),
+        "together": lambda case, found: found,
     }.items():  # fmt: skip
         monkeypatch.setattr(algorithm, name, made)
     case, found = searched(Case(None, None, {}), False, lambda share: None)  # type: ignore[arg-type]
