@@ -1,4 +1,4 @@
-"""Effects that are each a minor part of what is left, and most of it together; and those that others make superfluous.
+"""Effects that are a minor part of what is left, and most of it together; and those that others make superfluous.
 
 Of three effects that are missing alike each is a third of the residual, and a third is no evidence: sampling and
 filters leave errors that any effect explains in part. So where most of the residual is no noise, and no candidate
@@ -9,7 +9,7 @@ what is left. An effect that was accepted while others were missing, and does no
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from pmsm_ctrl.diagnose.case import Case
@@ -66,7 +66,7 @@ def together(case: Case, found: Selection) -> Selection:
         assumed = assumed.plus(more)
         if len(assumed.steps) == len(found.steps) + 1 or (first and above_floor(assumed.fit, case.policy)):
             continue
-        sure = _standing(case, found, assumed)
+        sure = _confirmed(case, found, assumed)
         if sure is not None and not (first and above_floor(sure.fit, case.policy)):
             return sure
     return found
@@ -83,11 +83,14 @@ def standing(case: Case, found: Selection) -> Selection:
     found : Selection
         Complete.
     """
-    accepted, steps = list(found.accepted), list(found.steps)
-    for k in reversed(range(len(accepted) - 1)):
-        if not accepted[k].effect.repeated and isinstance(_alone(case, accepted, steps, k), Refusal):
-            del accepted[k], steps[k]
-            return standing(case, _built(case, accepted, steps))
+    for _ in found.steps:  # what has lost its name may come again as the last
+        accepted, steps = list(found.accepted), list(found.steps)
+        asked = [k for k in reversed(range(len(accepted) - 1)) if not accepted[k].effect.repeated]
+        _, falling = _judged(case, accepted, steps, asked)
+        if falling is None:
+            break
+        del accepted[falling], steps[falling]
+        found = _built(case, accepted, steps)
     return found
 
 
@@ -114,23 +117,30 @@ def _assuming(case: Case, found: Selection, trial: Trial) -> Selection:
     return Selection((*found.fits, with_trial(case, fit, trial)), (*found.steps, Step(trial, evidence, ())))
 
 
-def _standing(case: Case, found: Selection, assumed: Selection) -> Selection | None:
+def _confirmed(case: Case, found: Selection, assumed: Selection) -> Selection | None:
     """Return the selection of those effects that pass beside all others; None unless they are more than before."""
     accepted, steps = list(assumed.accepted), list(assumed.steps)
+    known = {name_of(step.trial) for step in found.steps}
     while len(accepted) > len(found.steps):
-        judged: dict[int, Step] = {}
-        for k in reversed(range(len(accepted))):  # those that came last are the likeliest to fall
-            one = _alone(case, accepted, steps, k)
-            if isinstance(one, Refusal):
-                del accepted[k], steps[k]
-                break
-            judged[k] = one
-        else:
-            known = {name_of(step.trial) for step in found.steps}
-            sure = [judged[k] for k in range(len(accepted))]
-            sure = [replace(step, together=name_of(step.trial) not in known) for step in sure]
-            return _built(case, accepted, sure)
+        passed, falling = _judged(case, accepted, steps, reversed(range(len(accepted))))
+        if falling is None:
+            sure = [passed[k] for k in range(len(accepted))]
+            return _built(case, accepted, [replace(one, together=name_of(one.trial) not in known) for one in sure])
+        del accepted[falling], steps[falling]
     return None
+
+
+def _judged(
+    case: Case, accepted: list[Accepted], steps: list[Step], numbers: Iterable[int]
+) -> tuple[dict[int, Step], int | None]:
+    """Judge effects each beside all others; the steps of those that pass, up to the first that does not."""
+    passed: dict[int, Step] = {}
+    for k in numbers:
+        one = _alone(case, accepted, steps, k)
+        if isinstance(one, Refusal):
+            return passed, k
+        passed[k] = one
+    return passed, None
 
 
 def _alone(case: Case, accepted: list[Accepted], steps: list[Step], k: int) -> Step | Refusal:
