@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.policy import Policy
 
 __all__ = ["Level", "known_noise", "level_of"]
 
@@ -36,6 +37,10 @@ class Level:
     def explicable(self) -> float:
         """Share of the mean square that is not noise."""
         return 1.0 - 1.0 / max(self.measured, 1.0) ** 2
+
+    def above_floor(self, policy: Policy) -> bool:
+        """Whether most of what the model leaves is no noise."""
+        return self.left**2 * (1.0 - policy.explained_torque) > 1.0
 
 
 def known_noise(fit: Fitted, row: int) -> float:

@@ -38,8 +38,7 @@ def above_floor(fit: Fitted, policy: Policy) -> bool:
     fit : Fitted
     policy : Policy
     """
-    rows = range(len(fit.record.channels))
-    return any(level_of(fit, row).left ** 2 * (1.0 - policy.explained_torque) > 1.0 for row in rows)
+    return any(level_of(fit, row).above_floor(policy) for row in range(len(fit.record.channels)))
 
 
 def together(case: Case, found: Selection) -> Selection:

@@ -134,11 +134,10 @@ def open_questions(
     for row, name in enumerate(fit.record.channels):
         level = level_of(fit, row)
         if row == 0 and level.explained < policy.explained_torque:
-            loud = level.left**2 * (1.0 - policy.explained_torque) > 1.0
-            little = notices.LITTLE_KNOWN if loud else notices.LITTLE_EXPLAINED
+            little = notices.LITTLE_KNOWN if level.above_floor(policy) else notices.LITTLE_EXPLAINED
             yield little(percent=100.0 * max(level.explained, 0.0))
         balance = fit.record.drive if row == 0 else name
-        if level.left**2 * (1.0 - policy.explained_torque) > 1.0:  # most of the residual is no noise
+        if level.above_floor(policy):
             yield notices.ABOVE_FLOOR(balance=balance, ratio=level.left)
         elif row == 0 and (ratio := _at_edges(fit)) ** 2 * policy.refused_share > 1.0:
             yield notices.EDGES_ABOVE_FLOOR(balance=balance, ratio=ratio)

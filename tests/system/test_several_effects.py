@@ -10,8 +10,6 @@ from tests.benchmarks.worlds.hidden import simulate_world
 from tests.benchmarks.worlds.several import matched
 from tests.benchmarks.worlds.world import World, draw
 
-pytestmark = pytest.mark.filterwarnings("error")
-
 
 def five() -> tuple[World, Log]:
     """Margins of 4 to 11: an unbalance, a load, two drags and an offset of the currents, in steps of the speed."""

@@ -93,7 +93,6 @@ def row_of(seed: int) -> dict[str, Any] | None:
         "verdict": str(found.verdict), "named": [s.effect for s in found.steps], "right": right, "false": false,
         "error": found.errors["final"]["torque"]["relative"],
         "floor": found.errors["noise_floor"]["torque"]["relative"],
-        "plain": found.errors["base"]["torque"]["relative"] if "base" in found.errors else None,
     }  # fmt: skip
 
 
