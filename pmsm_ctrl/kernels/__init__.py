@@ -9,18 +9,15 @@ every source file that holds compiled code, so that a changed effect can never m
 from __future__ import annotations
 
 import gc
-import hashlib
 import os
-import re
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import event as events
 
-from pmsm_ctrl.kernels.cache import SoundCache
+from pmsm_ctrl.kernels.cache import SoundCache, compiled_sources, source_hash
 
 __all__ = [
     "OPTIONS",
@@ -42,36 +39,6 @@ OPTIONS: dict[str, Any] = {
     "no_cfunc_wrapper": True,
 }
 _INLINED = {**OPTIONS, "forceinline": True, "no_cpython_wrapper": True}
-
-
-# What compiles; a test holds it against every use of numba in the package.
-_COMPILES = re.compile(rb"@(?:kernel|inlined|uncontracted)\b|\bnjit\(")
-_SIGNS = (b"@kernel", b"@inlined", b"@uncontracted", b"njit(")  # found ten times as fast, at the start of every command
-
-
-def compiled_sources() -> list[Path]:
-    """Return the package's source files that hold compiled code, and the room of the kernels with its templates."""
-    here = Path(__file__).resolve().parent
-    files = sorted(here.parent.rglob("*.py"))
-    return [path for path in files if path.parent == here or _compiles(path.read_bytes())]
-
-
-def _compiles(text: bytes) -> bool:
-    return any(sign in text for sign in _SIGNS) and _COMPILES.search(text) is not None
-
-
-@lru_cache  # of what this process has loaded
-def source_hash() -> str:
-    """Return a hash over every source file with compiled code, and numba's version.
-
-    The options of the compiler stand in this file, which is one of them.
-    """
-    digest = hashlib.sha256(numba.__version__.encode())
-    root = Path(__file__).resolve().parent.parent
-    for path in compiled_sources():
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0")
-        digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()[:16]
 
 
 def cache_folder() -> Path:

@@ -32,6 +32,7 @@ from tests.effort import amount, slow
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
+PACKAGE = Path(pmsm_ctrl.__file__).parent
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 OLD = b"old and whole\n"
 # Forks for every line of its input; the child runs the command line, and kills itself at the chosen moment of the
@@ -202,7 +203,7 @@ def test_killed_at_random(tmp_path: Path, record: Path, seed: int) -> None:
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a copy of the package: its cache is keyed on all sources, which somebody may be editing."""
     folder = tmp_path_factory.mktemp("copy")
-    shutil.copytree(Path(pmsm_ctrl.__file__).parent, folder / "pmsm_ctrl", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(PACKAGE, folder / "pmsm_ctrl", ignore=shutil.ignore_patterns("__pycache__"))
     return folder
 
 
@@ -238,6 +239,21 @@ def test_a_cache_that_was_killed_or_damaged(copy: Path, tmp_path: Path) -> None:
     assert said.count("\n") == 1
     assert (copy / "log.csv").read_bytes() == reference
     assert simulated(copy, cache) == "", "repaired"
+
+
+def test_a_second_place_of_the_package_finds_what_the_first_compiled(tmp_path: Path) -> None:
+    line = (
+        "from pmsm_ctrl.kernels.rotation import cos_small; import numba\n"
+        "@numba.njit\ndef outer(x): return cos_small(x)\n"
+        "outer(0.1); print(len(cos_small.stats.cache_hits), len(cos_small.stats.cache_misses))"
+    )
+    said = []
+    for name in ("first", "second"):
+        shutil.copytree(PACKAGE, tmp_path / name / "pmsm_ctrl", ignore=shutil.ignore_patterns("__pycache__"))
+        environment = os.environ | {"PMSM_CTRL_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path / name)}
+        environment.pop("NUMBA_CACHE_DIR", None)
+        said.append(subprocess.check_output([sys.executable, "-c", line], cwd=tmp_path / name, env=environment))
+    assert [text.split() for text in said] == [[b"0", b"1"], [b"1", b"0"]]
 
 
 @pytest.mark.parametrize(

@@ -119,7 +119,7 @@ def test_an_edited_constant_behind_an_own_effect_is_seen(copy):
 
 def hashed(root: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The hash of the copy of the package in this folder."""
-    monkeypatch.setattr(kernels, "__file__", str(root / "pmsm_ctrl" / "kernels" / "__init__.py"))
+    monkeypatch.setattr(kernels.cache, "__file__", str(root / "pmsm_ctrl" / "kernels" / "cache.py"))
     return kernels.source_hash.__wrapped__()
 
 
