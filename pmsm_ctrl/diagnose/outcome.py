@@ -17,6 +17,7 @@ from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import base_parameters, fitted_design, fitted_parameters
 from pmsm_ctrl.diagnose.judging import Evidence
+from pmsm_ctrl.diagnose.level import known_noise
 from pmsm_ctrl.diagnose.limits import amounts_that_gain, detection_limits
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
@@ -220,6 +221,8 @@ def _errors(record: Record, selection: Selection) -> dict[str, Errors]:
 def noise_floor(record: Record, fit: Fitted) -> Errors:
     """Return the noise floor of each balance, from the whitened residual of a fit.
 
+    Or the noise that the balance is known to have: candidates may explain a part of that. What is left is the most.
+
     Parameters
     ----------
     record : Record
@@ -229,7 +232,9 @@ def noise_floor(record: Record, fit: Fitted) -> Errors:
     floor = {}
     for row, name in enumerate(record.channels):
         size = max(float(np.sqrt(np.mean(record.target[row][record.mask] ** 2))), 1e-300)
-        floor[name] = (float(fit.whitener.sigma[row]), float(fit.whitener.sigma[row] / size))
+        left = float(np.sqrt(np.mean(fit.residual[row][fit.record.mask] ** 2)))
+        rms = max(float(fit.whitener.sigma[row]), min(known_noise(fit, row), left))
+        floor[name] = (rms, rms / size)
     return errors_table(record, floor)
 
 

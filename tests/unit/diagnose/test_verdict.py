@@ -12,6 +12,7 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.level import Level, level_of
+from pmsm_ctrl.diagnose.outcome import noise_floor
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Deviation
@@ -151,6 +152,17 @@ def test_a_residual_well_above_its_floor_is_not_consistent() -> None:
     assert verdict_of(fit_of(left=1.42, rough=1.1 / NOMINAL["J"]))[0] == "consistent"
     assert verdict_of(fit_of(left=1.42, rough=0.9 / NOMINAL["J"]))[0] == "inconclusive"
     assert verdict_of(fit_of(left=1.41)) == ("consistent", [])
+
+
+@pytest.mark.parametrize(("steps", "floor"), [(0.0, 1.0), (0.9, 1.0), (3.0, 3.0), (5.0, 4.0)])
+def test_the_noise_floor_holds_the_steps_of_the_encoder_and_is_no_more_than_what_is_left(
+    steps: float, floor: float
+) -> None:
+    fit = fit_of(left=4.0, rough=steps / NOMINAL["J"])
+    fit.record.unit = lambda name: "N m"
+    assert noise_floor(fit.record, fit)["torque"] == {
+        "rms": pytest.approx(floor), "unit": "N m", "relative": pytest.approx(floor / 20.0),
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(("height", "expected"), [(10.0, "inconclusive"), (9.0, "consistent")])
