@@ -38,15 +38,19 @@ def timed_sign(omega: Array) -> Array:
     """Sign of the speed whose area is right where it changes between two samples."""
     sign = np.sign(omega)
     turns = np.flatnonzero(sign[:-1] * sign[1:] < 0.0)
-    share = omega[turns] / (omega[turns] - omega[turns + 1])
+    return _placed(sign, turns, omega[turns] / (omega[turns] - omega[turns + 1]))
+
+
+def _placed(sign: Array, turns: NDArray[np.intp], share: Array) -> Array:
+    """Let a sign change at this share of a period after these samples: the nearest sample makes the area right."""
     nearest = turns + (share > 0.5)
     out = sign.copy()
     out[nearest] += sign[turns] * (2.0 * share - 1.0)
     return out
 
 
-def as_sampled(direction: Array, omega: Array, moment: float | None) -> Array:
-    """Return the direction at the instants of the samples, so many periods after the speed's change of sign.
+def as_sampled(direction: Array, omega: Array, moment: float | None, finer: int = 1) -> Array:
+    """Return the direction at the instants of the log's samples, so many periods after the speed's change of sign.
 
     Where the shaft rests it stays; without a moment, everywhere.
 
@@ -54,14 +58,22 @@ def as_sampled(direction: Array, omega: Array, moment: float | None) -> Array:
     ----------
     direction, omega : array, shape (n,)
     moment : float or None
-        Periods.
+        Periods of the log.
+    finer : int
+        Samples that the log had for one of these: it was low-passed and thinned, and a step keeps its place.
     """
     if moment is None:
         return direction
     resting = np.zeros(len(omega), dtype=np.bool_)
     for piece in stretches(np.abs(direction) < 1.0):
         resting[piece] = piece.stop - piece.start > MOST_BETWEEN
-    return np.where(resting, direction, np.sign(shifted(omega, 1.0, -moment)))
+    later = shifted(omega, 1.0, -moment / finer)
+    seen = np.sign(later)
+    if finer > 1:
+        turns = np.flatnonzero(seen[:-1] * seen[1:] < 0.0)
+        share = later[turns] / (later[turns] - later[turns + 1])
+        seen = _placed(seen, turns, (np.floor(share * finer) + 0.5) / finer)
+    return np.where(resting, direction, seen)
 
 
 def reversals(

@@ -47,10 +47,11 @@ def stepped_at_reversals(design: Design, made: Made, record: Record, fit: Estima
         return record, fit
     direction, omega, noise = record.signals["direction"], record.signals["omega"], float(fit.weights.sigma[0])
     followed = _error(record, direction, record.rate_of(direction))
+    finer = round(made.log.rate / record.prepared.rate)
     tried, moment = {}, 0.0
     for step in STEPS:
         for one in (moment + step * (np.arange(MOMENTS) - MOMENTS // 2)).tolist():
-            tried[one] = _error(record, as_sampled(direction, omega, one))
+            tried[one] = _error(record, as_sampled(direction, omega, one, finer))
         moment = min(tried, key=tried.__getitem__)
     if tried[moment] ** 2 - noise**2 > LOWERED * (followed**2 - noise**2):
         return record, fit

@@ -14,7 +14,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.reversals import as_sampled
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.simulate import simulate
-from tests.effort import seeds
+from tests.effort import seeds, slow
 
 DESIGNS = Path(__file__).resolve().parents[3] / "designs"
 J, F_C, F_V, TOP, FREQUENCY, RATE = 2.4e-4, 0.017, 9e-5, 13.0, 1.237, 1000.0
@@ -24,26 +24,30 @@ DESIGN = Design.from_dict({
 })  # fmt: skip
 
 
-def prescribed(seed: int, late: float, noise: float = 2e-4) -> Log:
+def prescribed(seed: int, late: float, noise: float = 2e-4, rate: float = RATE) -> Log:
     """A sine of the speed, the torque sampled at instants; the angle is this many periods older than the torque."""
-    t = np.arange(0.0, 20.0, 1.0 / RATE)
+    t = np.arange(0.0, 20.0, 1.0 / rate)
     w = 2.0 * np.pi * FREQUENCY
     omega = TOP * np.sin(w * t)
     torque = J * TOP * w * np.cos(w * t) + F_C * np.sign(omega) + F_V * omega
-    theta = -TOP / w * np.cos(w * (t - late / RATE))
+    theta = -TOP / w * np.cos(w * (t - late / rate))
     return Log({"t": t, "theta": theta, "torque": torque + noise * np.random.default_rng(seed).normal(size=t.size)})
 
 
-@pytest.mark.parametrize("late", [0.0, 0.5, -0.5])  # in time; a sum of speeds that begins before or after the sample
+# in time; a sum of speeds that begins before or after the sample; and fast logs, which are thinned
+@pytest.mark.parametrize(
+    ("late", "rate"),
+    [(0.0, RATE), (0.5, RATE), slow(-0.5, RATE), slow(0.0, 2.0 * RATE), (0.5, 4.0 * RATE), slow(0.0, 8.0 * RATE)],
+)
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
-def test_what_is_left_is_the_noise_and_nothing_is_named(late: float, seed: int) -> None:
+def test_what_is_left_is_the_noise_and_nothing_is_named(late: float, rate: float, seed: int) -> None:
     noise = 2e-4
-    log = prescribed(seed, late, noise)
+    log = prescribed(seed, late, noise, rate)
     found = diagnose(DESIGN, log, plan=False)
     assert [step.effect for step in found.steps] == []
     record = found.selection.fit.record
     assert record.timing.stepped == pytest.approx(-late, abs=0.1)
-    expected = noise * np.sqrt(2.0 * record.cutoff / RATE)
+    expected = noise * np.sqrt(2.0 * record.cutoff / rate)
     assert found.errors["final"]["torque"]["rms"] < 1.15 * expected  # followed reversals leave 3 to 10 times that
     seen = compare(found.design, log).log.errors["torque"].rms
     assert seen == pytest.approx(found.errors["final"]["torque"]["rms"], rel=1e-3)
