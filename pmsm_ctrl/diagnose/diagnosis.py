@@ -37,7 +37,7 @@ from pmsm_ctrl.diagnose.events import events_of
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
-from pmsm_ctrl.diagnose.late import begun_late, better_late, with_its_delay
+from pmsm_ctrl.diagnose.late import begun_late, better_late, moved_by_its_steps, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.outcome import outcome
@@ -463,6 +463,10 @@ def condition(
     anew, made = made is None, made or Made.kept(believed.log)
     whole = with_friction(design)
     record = timed_record(shown or whole, believed.log, made, band)
+    if anew and shown is None:
+        believed, made, record = moved_by_its_steps(
+            believed, made, record, lambda one, of: timed_record(whole, one, of, band)
+        )
     made.forget_models(record)
     if shown is not None:
         record = for_design(record, whole)

@@ -22,10 +22,11 @@ from pmsm_ctrl.plausibility.relations import (
 from pmsm_ctrl.regression.measurement_correction import known_delay
 from pmsm_ctrl.section import Notice
 
-__all__ = ["foreign_current", "foreign_voltage", "late_channel", "magnitudes", "sensor_offset"]
+__all__ = ["foreign_current", "foreign_voltage", "late_channel", "magnitudes", "moved_back", "sensor_offset"]
 
 Array = NDArray[np.float64]
 
+DRIVE = ("torque", "i_q", "i_d")
 LAGS = 6  # at most, from which a delay is read
 
 
@@ -69,12 +70,22 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...],
     notice = words(channel=evidence.channel, lag_ms=1e3 * late)
     if abs(late) <= POLICY.beyond:
         return log, (notice,), behind
-    names = [name for name in ("torque", "i_q", "i_d") if name in log]
-    if filtered:
-        moved_back = {name: log[name] + late * np.gradient(log[name], log.t) for name in names}
-    else:
-        moved_back = {name: np.interp(log.t + late, log.t, log[name]) for name in names}
-    return log.with_channels(**moved_back), (notice,), behind
+    if not filtered:
+        return moved_back(log, late), (notice,), behind
+    drive = [name for name in DRIVE if name in log]
+    undone = {name: log[name] + late * np.gradient(log[name], log.t) for name in drive}
+    return log.with_channels(**undone), (notice,), behind
+
+
+def moved_back(log: Log, late: float) -> Log:
+    """Return a log whose torque and currents are taken this much later, s.
+
+    Parameters
+    ----------
+    log : Log
+    late : float
+    """
+    return log.with_channels(**{n: np.interp(log.t + late, log.t, log[n]) for n in DRIVE if n in log})
 
 
 def _delay(evidence: Evidence, torque: Array, late: float) -> tuple[float, float] | None:

@@ -412,7 +412,9 @@ def _made(
     direction, sure, kink, turning = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps, unresolved)
     if int((sure & _edges(prepared))[prepared.keep].sum()) < FEWEST:  # no speed is left that the encoder resolves
         direction, sure, kink, turning = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps)
-    signals["direction"] = as_sampled(direction, signals["omega"], timing.stepped, round(given.rate / log.rate))
+    signals["direction"] = as_sampled(
+        direction, signals["omega"], timing.stepped, round(given.rate / log.rate), timing.late * given.rate
+    )
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")):
         channels += ["u_d", "u_q"]

@@ -38,18 +38,20 @@ def timed_sign(omega: Array) -> Array:
     """Sign of the speed whose area is right where it changes between two samples."""
     sign = np.sign(omega)
     turns = np.flatnonzero(sign[:-1] * sign[1:] < 0.0)
-    return _placed(sign, turns, omega[turns] / (omega[turns] - omega[turns + 1]))
+    return _placed(sign, turns, turns + omega[turns] / (omega[turns] - omega[turns + 1]))
 
 
-def _placed(sign: Array, turns: NDArray[np.intp], share: Array) -> Array:
-    """Let a sign change at this share of a period after these samples: the nearest sample makes the area right."""
-    nearest = turns + (share > 0.5)
+def _placed(sign: Array, turns: NDArray[np.intp], places: Array) -> Array:
+    """Let a sign that changes after these samples do so at these places: the nearest sample makes the area right."""
     out = sign.copy()
-    out[nearest] += sign[turns] * (2.0 * share - 1.0)
+    for near in range(-1, 3):
+        at = turns + near
+        inside = (at >= 0) & (at < len(sign))
+        out[at[inside]] = (sign[turns] * np.clip(2.0 * (places - at), -1.0, 1.0))[inside]
     return out
 
 
-def as_sampled(direction: Array, omega: Array, moment: float | None, finer: int = 1) -> Array:
+def as_sampled(direction: Array, omega: Array, moment: float | None, finer: int = 1, moved: float = 0.0) -> Array:
     """Return the direction at the instants of the log's samples, so many periods after the speed's change of sign.
 
     Where the shaft rests it stays; without a moment, everywhere.
@@ -61,6 +63,8 @@ def as_sampled(direction: Array, omega: Array, moment: float | None, finer: int 
         Periods of the log.
     finer : int
         Samples that the log had for one of these: it was low-passed and thinned, and a step keeps its place.
+    moved : float
+        Periods of the log by which what has the step was moved to earlier times.
     """
     if moment is None:
         return direction
@@ -69,10 +73,10 @@ def as_sampled(direction: Array, omega: Array, moment: float | None, finer: int 
         resting[piece] = piece.stop - piece.start > MOST_BETWEEN
     later = shifted(omega, 1.0, -moment / finer)
     seen = np.sign(later)
-    if finer > 1:
+    if finer > 1 or moved % 1.0:
         turns = np.flatnonzero(seen[:-1] * seen[1:] < 0.0)
-        share = later[turns] / (later[turns] - later[turns + 1])
-        seen = _placed(seen, turns, (np.floor(share * finer) + 0.5) / finer)
+        place = finer * (turns + later[turns] / (later[turns] - later[turns + 1]))  # in periods of the log
+        seen = _placed(seen, turns, (np.floor(place + moved) + 0.5 - moved) / finer)
     return np.where(resting, direction, seen)
 
 

@@ -10,6 +10,7 @@ which a friction that bends, or falls with speed, resembles.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 
 # Moments that are looked at, in periods of the log after the change of sign: so many, ever closer to the best of them.
 MOMENTS, STEPS = 9, (0.25, 0.0625, 0.015625)
+COARSE = 0.5  # sample of the thinned log, by which later moments are tried first
+LATEST = 0.02  # s; a torque that is later is found before anything is fitted
 LOUD = 1.5  # times the noise of the fit, that all samples alike must leave for the moments to be looked at
 LOWERED = 0.36  # share of the power beyond that noise that followed reversals leave, which stepped ones may leave
 
@@ -46,28 +49,49 @@ def stepped_at_reversals(design: Design, made: Made, record: Record, fit: Estima
     if record.age is not None or record.dry <= 0.0 or _rms(left) < LOUD * float(fit.weights.sigma[0]):
         return record, fit
     direction, omega, noise = record.signals["direction"], record.signals["omega"], float(fit.weights.sigma[0])
-    followed = _error(record, direction, record.rate_of(direction))
-    finer = round(made.log.rate / record.prepared.rate)
-    tried, moment = {}, 0.0
-    for step in STEPS:
-        for one in (moment + step * (np.arange(MOMENTS) - MOMENTS // 2)).tolist():
-            tried[one] = _error(record, as_sampled(direction, omega, one, finer))
-        moment = min(tried, key=tried.__getitem__)
+    error = _Errors(record)
+    followed, finer = error.of(direction, record.rate_of(direction)), round(made.log.rate / record.prepared.rate)
+    seen = partial(as_sampled, direction, omega, finer=finer, moved=record.timing.late * made.log.rate)
+    tried = {0.0: error.of(seen(0.0))}
+    in_time = not record.timing.lag and not record.delayed
+    for step in (*((COARSE * finer,) if in_time else ()), *STEPS):
+        best = min(tried, key=tried.__getitem__)
+        near = best + step * (np.arange(MOMENTS) - MOMENTS // 2)
+        around = near if step in STEPS else np.arange(0.0, LATEST * made.log.rate, step)
+        tried |= {one: error.of(seen(one)) for one in around.tolist()}
+    moment = min(tried, key=tried.__getitem__)
     if tried[moment] ** 2 - noise**2 > LOWERED * (followed**2 - noise**2):
         return record, fit
+    whole = round(moment)
+    if whole and tried[moment] > LOUD * noise:
+        return record, fit
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
-    again = made.record(design, same, None, replace(record.timing, stepped=moment))
+    late = record.timing.late + whole / made.log.rate
+    again = made.record(design, same, None, replace(record.timing, late=late, stepped=moment - whole))
     return again, base_fit(design, again)
 
 
-def _error(record: Record, *friction: Array) -> float:
-    """Return what inertia, viscous friction, a constant and these columns leave of the torque, rms of all samples."""
-    s = record.signals
-    columns = record.prepared.columns([s["alpha"], s["omega"], np.ones_like(s["omega"]), *friction])
-    used, target = columns[:, record.mask].T, record.target[0][record.mask]
-    size = np.linalg.norm(used, axis=0)
-    size[size == 0.0] = 1.0
-    return _rms(target - (used / size) @ np.linalg.lstsq(used / size, target, rcond=None)[0])
+class _Errors:
+    """What inertia, viscous friction, a constant and a friction leave of the torque, rms of all samples."""
+
+    def __init__(self, record: Record) -> None:
+        s = record.signals
+        self._record = record
+        self._motion, _ = np.linalg.qr(self._columns(s["alpha"], s["omega"], np.ones_like(s["omega"])))
+        self._left = self._beside(record.target[0][record.mask])
+
+    def of(self, *friction: Array) -> float:
+        """Return it for these columns of the friction."""
+        columns = self._beside(self._columns(*friction))
+        return _rms(self._left - columns @ np.linalg.lstsq(columns, self._left, rcond=None)[0])
+
+    def _columns(self, *values: Array) -> Array:
+        columns = self._record.prepared.columns(list(values))[:, self._record.mask].T
+        size = np.linalg.norm(columns, axis=0)
+        return np.asarray(columns / np.where(size > 0.0, size, 1.0))
+
+    def _beside(self, values: Array) -> Array:
+        return np.asarray(values - self._motion @ (self._motion.T @ values))
 
 
 def _rms(values: Array) -> float:
