@@ -51,12 +51,13 @@ def moved_by_its_steps(
     timed : function of a log and what was made of it to Record
         How such a record comes about.
     """
-    lag = record.timing.late
-    if record.timing.stepped is None or believed.lag or record.sampling_stated or not lag > record.sampling:
+    timing = record.timing
+    if timing.stepped is None or believed.lag or record.sampling_stated or not timing.late > record.sampling:
         return believed, made, record
+    lag = timing.late + timing.stepped * believed.log.period
     channel = next(name for name in DRIVE if name in believed.log)
     said = NOT_SYNCHRONOUS(channel=channel, lag_ms=1e3 * lag)
-    log = moved_back(believed.log, lag)
+    log = moved_back(believed.log, timing.late)  # by whole periods: between them a step is no step
     believed = replace(believed, log=log, doubts=(*believed.doubts, said), lag=lag, logged=believed.log)
     made = Made.kept(log)
     return believed, made, timed(log, made)

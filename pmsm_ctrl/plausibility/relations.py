@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.plausibility.bins import Bins
 from pmsm_ctrl.plausibility.policy import POLICY
+from pmsm_ctrl.regression.reversals import bends
 
 __all__ = [
     "BOXES", "Evidence", "Fit", "Ratio", "bristle_balance", "evidence_of", "fitted", "moved", "torque_balance",
@@ -32,7 +33,6 @@ FEWEST = 60  # rows of a regression
 STEADY = 0.25  # of a speed that a window four times as wide leaves at least
 BIASED = 0.5  # share of what is left that may act along a column
 BOXES = 4  # bins of a window's boxes, 20 ms at 5 ms
-REACHES = np.geomspace(1e-4, 0.1, 31)  # of the travel, by which friction bends before it slides
 WIDE = 16  # of a window in which even a coarse angle has an acceleration
 
 
@@ -188,16 +188,13 @@ def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
     angle : array, shape (n,)
         Of the log that the bins were made of.
     """
-    from pmsm_ctrl.kernels.springs import slider
-
     motion = moved(bins)
     if motion is None:
         return None
-    used, seen, bent = _sliding(bins, BOXES), bins.smooth(torque, BOXES), np.empty(len(angle))
+    used, seen = _sliding(bins, BOXES), bins.smooth(torque, BOXES)
     fits = []
-    for reach in (REACHES * np.ptp(angle)).tolist():
-        slider(np.ascontiguousarray(angle), reach, bent)
-        whole = bent[: len(bins.t) * bins.samples].reshape(-1, bins.samples).mean(axis=1) / reach
+    for bent in bends(angle):
+        whole = bent[: len(bins.t) * bins.samples].reshape(-1, bins.samples).mean(axis=1)
         fits.append(_balance(bins, motion, used, seen, 0, side=bins.smooth(whole, BOXES)))
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.left, default=None)
 

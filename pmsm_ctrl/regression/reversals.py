@@ -18,7 +18,7 @@ from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.kernels import inlined, kernel
 from pmsm_ctrl.regression.filters import shifted
 
-__all__ = ["ROUNDED", "as_sampled", "reversals", "timed_sign"]
+__all__ = ["ROUNDED", "as_sampled", "bends", "reversals", "timed_sign"]
 
 Array = NDArray[np.float64]
 
@@ -28,10 +28,32 @@ MOST_TURNS = 2  # in a row, close together: of more, nobody knows from two unkno
 # Share of the rounded kink that stays as an error of the moment of reversal; samples up to which it is smaller than
 # what steps of the torque, and turns beside this one, make of a reversal that is followed.
 ROUNDED, CLEAR = 0.15, 0.25
+REACHES = np.geomspace(1e-4, 0.1, 31)  # of the travel, by which friction bends before it slides
 MOST_BETWEEN = 3  # samples, of a reversal that is followed; a shaft whose friction balances the drive for longer rests
 LEVELS = (0.5, 2.5)  # friction at the reversal over its usual level
 CLOSE = 1e-8  # of the speed, and of the travel, by which the usual friction would change them in all that time
 ROUNDS = 20  # of either search at most; four are usual
+
+
+def bends(angle: Array) -> Iterator[Array]:
+    """Yield the friction of springs that slide, as a share of its level: of some that reach over ever more travel.
+
+    Parameters
+    ----------
+    angle : array, shape (n,)
+
+    Yields
+    ------
+    array, shape (n,)
+        The same one, filled anew.
+    """
+    from pmsm_ctrl.kernels.springs import slider
+
+    angle, bent = np.ascontiguousarray(angle), np.empty(len(angle))
+    for reach in (REACHES * np.ptp(angle)).tolist():
+        slider(angle, reach, bent)
+        bent /= reach
+        yield bent
 
 
 def timed_sign(omega: Array) -> Array:

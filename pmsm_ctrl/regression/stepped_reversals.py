@@ -20,7 +20,7 @@ from pmsm_ctrl.regression.balances import STANDSTILL, Record
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.made import Made
-from pmsm_ctrl.regression.reversals import as_sampled
+from pmsm_ctrl.regression.reversals import as_sampled, bends
 
 __all__ = ["stepped_at_reversals"]
 
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 # Moments that are looked at, in periods of the log after the change of sign: so many, ever closer to the best of them.
 MOMENTS, STEPS = 9, (0.25, 0.0625, 0.015625)
 COARSE = 0.5  # sample of the thinned log, by which later moments are tried first
+BENT = 0.7  # of what friction that bends before it slides leaves at best, a step that is late may leave: half the power
 LATEST = 0.02  # s; a torque that is later is found before anything is fitted
 LOUD = 1.5  # times the noise of the fit, that all samples alike must leave for the moments to be looked at
 LOWERED = 0.36  # share of the power beyond that noise that followed reversals leave, which stepped ones may leave
@@ -63,7 +64,7 @@ def stepped_at_reversals(design: Design, made: Made, record: Record, fit: Estima
     if tried[moment] ** 2 - noise**2 > LOWERED * (followed**2 - noise**2):
         return record, fit
     whole = round(moment)
-    if whole and tried[moment] > LOUD * noise:
+    if whole and tried[moment] > min(LOUD * noise, BENT * min(map(error.of, bends(record.signals["theta"])))):
         return record, fit
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     late = record.timing.late + whole / made.log.rate

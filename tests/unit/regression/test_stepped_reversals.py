@@ -53,9 +53,48 @@ def test_what_is_left_is_the_noise_and_nothing_is_named(late: float, rate: float
     assert seen == pytest.approx(found.errors["final"]["torque"]["rms"], rel=1e-3)
 
 
+# an inertia and a viscous friction make up for any delay on one sine
+@pytest.mark.parametrize(("delay", "rate"), [(4.3e-3, 2.0 * RATE), slow(6.6e-3, RATE), slow(9.0e-3, 4.0 * RATE)])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_a_torque_that_is_later_than_sampling_makes_it_is_a_delay(delay: float, rate: float, seed: int) -> None:
+    on_time = prescribed(seed, 0.0, 0.0, rate)
+    t, w = on_time.t, 2.0 * np.pi * FREQUENCY
+    omega = TOP * np.sin(w * (t - delay))
+    torque = J * TOP * w * np.cos(w * (t - delay)) + F_C * np.sign(omega) + F_V * omega
+    noise = 2e-4 * np.random.default_rng(seed).normal(size=t.size)
+    found = diagnose(DESIGN, on_time.with_channels(torque=torque + noise), plan=False)
+    assert [step.effect for step in found.steps] in ([], ["delay"])  # a friction that bends, with followed reversals
+    (said,) = (notice.text for notice in found.notices if notice.code == "not_synchronous")
+    assert float(said.split("about ")[1].split(" ms")[0]) == pytest.approx(1e3 * delay, rel=0.01)
+
+
 def test_an_axis_that_a_current_turns_is_followed_through_its_reversals() -> None:
     design = Design.read(DESIGNS / "hand_tuned.toml")
     assert timed_record(design, simulate(design, "identification", seed=1)).timing.stepped is None
+
+
+@pytest.mark.parametrize("rate", [RATE, slow(4.0 * RATE)])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_friction_that_bends_is_no_step_that_is_late(rate: float, seed: int) -> None:
+    log = prescribed(seed, 0.0, rate=rate)
+    reach = 0.02 * np.ptp(log["theta"])  # 20 ms after a reversal
+    bent, z = np.empty(len(log)), 0.0
+    for n, step in enumerate(np.diff(log["theta"], prepend=log["theta"][0]).tolist()):
+        z = min(max(z + step / reach, -1.0), 1.0)
+        bent[n] = z
+    omega = np.gradient(log["theta"], log.t)
+    found = diagnose(DESIGN, log.with_channels(torque=log["torque"] + F_C * (bent - np.sign(omega))), plan=False)
+    assert [step.effect for step in found.steps] == ["presliding"]
+    assert not {"not_synchronous"} & {notice.code for notice in found.notices}
+
+
+@pytest.mark.parametrize(("finer", "moved", "place"), [(1, 0.0, 3.5), (2, 0.0, 3.25), (4, 0.0, 3.375), (1, 0.4, 3.1)])
+def test_a_step_lies_between_two_samples_of_the_log(finer: int, moved: float, place: float) -> None:
+    """The speed is zero 3.3 samples after the first: the log saw it between two of its own samples."""
+    omega = 3.3 - np.arange(8.0)
+    seen = as_sampled(np.sign(omega), omega, 0.0, finer, moved)
+    assert float(np.sum(seen)) == pytest.approx(2.0 * place - 7.0)  # what lies before less what lies after
+    assert np.all(np.abs(seen) <= 1.0)
 
 
 def test_a_shaft_that_rests_keeps_what_its_friction_balances() -> None:
