@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import pytest
+
+Amount = TypeVar("Amount", int, float)
 
 WHOLE = False  # set by conftest.py from --slow, before any test module is read
 
 
-def amount(short: int, whole: int) -> int:
-    """Return how many examples, seeds or draws a test takes; its bounds hold for either."""
+def amount(short: Amount, whole: Amount) -> Amount:
+    """Return how many examples, seeds, draws or seconds a test takes; its bounds hold for either."""
     return whole if WHOLE else short
 
 

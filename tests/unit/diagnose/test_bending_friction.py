@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose import diagnose, final_fit
 from pmsm_ctrl.diagnose.shapes import trusted
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import examine
-from tests.effort import seeds, slow
+from tests.effort import amount, seeds, slow
 
 J, F_C, F_V, Z_B, NOISE = 1e-3, 0.2, 0.002, 0.1, 4e-4
 AMPLITUDE, FREQUENCY = 2.0, 0.5  # rad, Hz
@@ -39,8 +39,10 @@ def bending(z_s: float, seed: int, late: float = 0.0, seconds: float = 20.0) -> 
 
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize("z_s", [0.01, slow(0.002)])
-def test_it_is_named_and_its_shapes_are_found(z_s: float, seed: int) -> None:
-    found = diagnose(DESIGN, bending(z_s, seed), plan=False)
+def test_it_is_named_and_its_shapes_are_found(z_s: float, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    # intervals: tests/unit/diagnose/test_profiles.py
+    monkeypatch.setattr(final_fit, "with_profiles", lambda design, fit: fit)
+    found = diagnose(DESIGN, bending(z_s, seed, seconds=amount(8.0, 20.0)), plan=False)
     assert [step.effect for step in found.steps] == ["presliding"]
     values = found.steps[0].parameters
     assert values["z_s"].value == pytest.approx(z_s, rel=0.03)

@@ -14,7 +14,8 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.reversals import as_sampled
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.simulate import simulate
-from tests.effort import seeds, slow
+from tests.benchmarks.prescribed import drawn
+from tests.effort import amount, seeds, slow
 
 DESIGNS = Path(__file__).resolve().parents[3] / "designs"
 J, F_C, F_V, TOP, FREQUENCY, RATE = 2.4e-4, 0.017, 9e-5, 13.0, 1.237, 1000.0
@@ -24,9 +25,9 @@ DESIGN = Design.from_dict({
 })  # fmt: skip
 
 
-def prescribed(seed: int, late: float, noise: float = 2e-4, rate: float = RATE) -> Log:
+def prescribed(seed: int, late: float, noise: float = 2e-4, rate: float = RATE, seconds: float = 20.0) -> Log:
     """A sine of the speed, the torque sampled at instants; the angle is this many periods older than the torque."""
-    t = np.arange(0.0, 20.0, 1.0 / rate)
+    t = np.arange(0.0, seconds, 1.0 / rate)
     w = 2.0 * np.pi * FREQUENCY
     omega = TOP * np.sin(w * t)
     torque = J * TOP * w * np.cos(w * t) + F_C * np.sign(omega) + F_V * omega
@@ -57,7 +58,7 @@ def test_what_is_left_is_the_noise_and_nothing_is_named(late: float, rate: float
 @pytest.mark.parametrize(("delay", "rate"), [(4.3e-3, 2.0 * RATE), slow(6.6e-3, RATE), slow(9.0e-3, 4.0 * RATE)])
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_a_torque_that_is_later_than_sampling_makes_it_is_a_delay(delay: float, rate: float, seed: int) -> None:
-    on_time = prescribed(seed, 0.0, 0.0, rate)
+    on_time = prescribed(seed, 0.0, 0.0, rate, amount(8.0, 20.0))
     t, w = on_time.t, 2.0 * np.pi * FREQUENCY
     omega = TOP * np.sin(w * (t - delay))
     torque = J * TOP * w * np.cos(w * (t - delay)) + F_C * np.sign(omega) + F_V * omega
@@ -73,19 +74,13 @@ def test_an_axis_that_a_current_turns_is_followed_through_its_reversals() -> Non
     assert timed_record(design, simulate(design, "identification", seed=1)).timing.stepped is None
 
 
-@pytest.mark.parametrize("rate", [RATE, slow(4.0 * RATE)])
-@pytest.mark.parametrize("seed", seeds(1, 2, 3))
-def test_friction_that_bends_is_no_step_that_is_late(rate: float, seed: int) -> None:
-    log = prescribed(seed, 0.0, rate=rate)
-    reach = 0.02 * np.ptp(log["theta"])  # 20 ms after a reversal
-    bent, z = np.empty(len(log)), 0.0
-    for n, step in enumerate(np.diff(log["theta"], prepend=log["theta"][0]).tolist()):
-        z = min(max(z + step / reach, -1.0), 1.0)
-        bent[n] = z
-    omega = np.gradient(log["theta"], log.t)
-    found = diagnose(DESIGN, log.with_channels(torque=log["torque"] + F_C * (bent - np.sign(omega))), plan=False)
-    assert [step.effect for step in found.steps] == ["presliding"]
-    assert not {"not_synchronous"} & {notice.code for notice in found.notices}
+@pytest.mark.parametrize("seed", seeds(540, 605, 618))  # a step that is late explains nearly as much
+def test_friction_that_bends_is_no_step_that_is_late(seed: int) -> None:
+    case = drawn(seed, hidden=True)
+    record = timed_record(case.design, case.log)
+    assert case.effect == "presliding"
+    assert abs(record.timing.late) <= record.sampling
+    assert record.timing.stepped is None
 
 
 @pytest.mark.parametrize(("finer", "moved", "place"), [(1, 0.0, 3.5), (2, 0.0, 3.25), (4, 0.0, 3.375), (1, 0.4, 3.1)])
