@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -408,16 +409,15 @@ def _made(
     smooth, fast = (torque - load for torque in acting_torques(design, log, prepared, timing.reversals))
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
     steps = errors_by_steps(prepared, finest, resolution) if finest > 0.0 else None
-    unresolved = resolution * prepared.cutoff
-    direction, sure, kink, turning = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps, unresolved)
+    seen = partial(direction_of, smooth, fast, prepared, measured, STANDSTILL, steps)
+    direction, sure, kink, turning = seen(resolution * prepared.cutoff)
     if int((sure & _edges(prepared))[prepared.keep].sum()) < FEWEST:  # no speed is left that the encoder resolves
-        direction, sure, kink, turning = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps)
+        direction, sure, kink, turning = seen()
     signals["direction"] = as_sampled(
         direction, signals["omega"], timing.stepped, round(given.rate / log.rate), timing.late * given.rate
     )
-    channels = ["torque"]
-    if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")):
-        channels += ["u_d", "u_q"]
+    electrical = design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q"))
+    channels = ["torque", "u_d", "u_q"] if electrical else ["torque"]
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     moving = (sure & _edges(prepared) & measured)[prepared.keep]
     level = np.hypot(*target[1:]) if len(channels) > 1 else np.zeros(0)
