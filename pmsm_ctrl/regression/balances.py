@@ -413,9 +413,8 @@ def _made(
     direction, sure, kink, turning = seen(resolution * prepared.cutoff)
     if int((sure & _edges(prepared))[prepared.keep].sum()) < FEWEST:  # no speed is left that the encoder resolves
         direction, sure, kink, turning = seen()
-    signals["direction"] = as_sampled(
-        direction, signals["omega"], timing.stepped, round(given.rate / log.rate), timing.late * given.rate
-    )
+    finer, moved = round(given.rate / log.rate), timing.late * given.rate
+    signals["direction"] = as_sampled(direction, signals["omega"], timing.stepped, finer, moved)
     electrical = design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q"))
     channels = ["torque", "u_d", "u_q"] if electrical else ["torque"]
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
