@@ -37,7 +37,7 @@ from pmsm_ctrl.diagnose.events import events_of
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
-from pmsm_ctrl.diagnose.late import begun_late, better_late, moved_by_its_steps, with_its_delay
+from pmsm_ctrl.diagnose.late import begun_late, better_late, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.outcome import outcome
@@ -57,6 +57,7 @@ from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
+from pmsm_ctrl.plausibility.late_steps import moved_by_its_steps
 from pmsm_ctrl.regression.balances import STANDSTILL, Record
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
@@ -463,10 +464,9 @@ def condition(
     anew, made = made is None, made or Made.kept(believed.log)
     whole = with_friction(design)
     record = timed_record(shown or whole, believed.log, made, band)
-    if anew and shown is None:
-        believed, made, record = moved_by_its_steps(
-            believed, made, record, lambda one, of: timed_record(whole, one, of, band)
-        )
+    if anew and shown is None and (late := moved_by_its_steps(believed, record)) is not None:
+        believed, made = late, Made.kept(late.log)
+        record = timed_record(whole, believed.log, made, band)
     made.forget_models(record)
     if shown is not None:
         record = for_design(record, whole)

@@ -7,7 +7,6 @@ The delay is in the model from the start, linearised about itself: without it no
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from pmsm_ctrl.design import Design
@@ -22,45 +21,12 @@ from pmsm_ctrl.diagnose.search import try_group
 from pmsm_ctrl.diagnose.selection import Found, Step
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import Delay
-from pmsm_ctrl.log import Log
-from pmsm_ctrl.plausibility.foreign import DRIVE, moved_back
-from pmsm_ctrl.plausibility.notices import NOT_SYNCHRONOUS
-from pmsm_ctrl.plausibility.result import Plausibility
-from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.base_fit import base_fit
 from pmsm_ctrl.regression.covariance import noise_covariance
 from pmsm_ctrl.regression.drive_timing import SPREAD, DriveTiming, filter_behind
-from pmsm_ctrl.regression.made import Made, for_design
+from pmsm_ctrl.regression.made import for_design
 
-__all__ = ["begun_late", "better_late", "moved_by_its_steps", "with_its_delay"]
-
-
-def moved_by_its_steps(
-    believed: Plausibility, made: Made, record: Record, timed: Callable[[Log, Made], Record]
-) -> tuple[Plausibility, Made, Record]:
-    """Take a lag out of the log that the steps of its friction show, where it is more than sampling can make.
-
-    On one sine an inertia and a viscous friction make up for any lag; the moment at which the friction steps does not.
-
-    Parameters
-    ----------
-    believed : Plausibility
-    made : Made
-    record : Record
-        Of the log that is believed.
-    timed : function of a log and what was made of it to Record
-        How such a record comes about.
-    """
-    timing = record.timing
-    if timing.stepped is None or believed.lag or record.sampling_stated or not timing.late > record.sampling:
-        return believed, made, record
-    lag = timing.late + timing.stepped * believed.log.period
-    channel = next(name for name in DRIVE if name in believed.log)
-    said = NOT_SYNCHRONOUS(channel=channel, lag_ms=1e3 * lag)
-    log = moved_back(believed.log, timing.late)  # by whole periods: between them a step is no step
-    believed = replace(believed, log=log, doubts=(*believed.doubts, said), lag=lag, logged=believed.log)
-    made = Made.kept(log)
-    return believed, made, timed(log, made)
+__all__ = ["begun_late", "better_late", "with_its_delay"]
 
 
 def with_its_delay(case: Case) -> Case | None:

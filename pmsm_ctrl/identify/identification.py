@@ -24,6 +24,7 @@ from pmsm_ctrl.identify.replay import replayable
 from pmsm_ctrl.identify.solution import Method
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, with_inertia
+from pmsm_ctrl.plausibility.late_steps import moved_by_its_steps
 from pmsm_ctrl.regression.base_problem import plain_terms
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS, DriveTiming, Sampling
@@ -209,6 +210,9 @@ def identify(
     advance(SAMPLED)
     if usual and processing is None and plain_terms(design):
         made = as_diagnosed(design, whole)
+        if (late := moved_by_its_steps(believed, made.record)) is not None:
+            believed, whole = late, late.log
+            made = as_diagnosed(design, whole)
     else:
         made = by_method(method, design, *sampled_log(design, whole, blanked, method), _rounds(advance))
     advance(SOLVED)

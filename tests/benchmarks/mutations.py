@@ -60,7 +60,7 @@ MUTATIONS = (
              "finer=finer,", "finer=1,", "unit/regression/test_stepped_reversals.py"),
     Mutation("stepped: friction that bends is a step that is late", "regression/stepped_reversals.py",
              "BENT = 0.7", "BENT = 70.0", "unit/regression/test_stepped_reversals.py"),
-    Mutation("stepped: a torque that is late is in time", "diagnose/late.py",
+    Mutation("stepped: a torque that is late is in time", "plausibility/late_steps.py",
              "not timing.late > record.sampling", "True", "unit/regression/test_stepped_reversals.py"),
     Mutation("noise floor: without the steps of the encoder", "diagnose/outcome.py",
              "min(known_noise(fit, row), left)", "0.0", "unit/diagnose/test_verdict.py"),

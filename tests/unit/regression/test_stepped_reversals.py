@@ -10,6 +10,7 @@ import pytest
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.reversals import as_sampled
 from pmsm_ctrl.regression.timed_record import timed_record
@@ -63,7 +64,12 @@ def test_a_torque_that_is_later_than_sampling_makes_it_is_a_delay(delay: float, 
     omega = TOP * np.sin(w * (t - delay))
     torque = J * TOP * w * np.cos(w * (t - delay)) + F_C * np.sign(omega) + F_V * omega
     noise = 2e-4 * np.random.default_rng(seed).normal(size=t.size)
-    found = diagnose(DESIGN, on_time.with_channels(torque=torque + noise), plan=False)
+    log = on_time.with_channels(torque=torque + noise)
+    values = identify(DESIGN, log).estimates
+    for symbol, true in (("J", J), ("F_c", F_C), ("F_v", F_V)):
+        assert abs(values[symbol].value - true) < 4.0 * values[symbol].stderr  # F_v takes up the delay otherwise
+        assert values[symbol].stderr < 0.03 * true
+    found = diagnose(DESIGN, log, plan=False)
     assert [step.effect for step in found.steps] in ([], ["delay"])  # a friction that bends, with followed reversals
     (said,) = (notice.text for notice in found.notices if notice.code == "not_synchronous")
     assert float(said.split("about ")[1].split(" ms")[0]) == pytest.approx(1e3 * delay, rel=0.01)
