@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.regression.balances import STANDSTILL, Record
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit
-from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.reversals import as_sampled, bends
 
@@ -54,7 +54,9 @@ def stepped_at_reversals(design: Design, made: Made, record: Record, fit: Estima
     followed, finer = error.of(direction, record.rate_of(direction)), round(made.log.rate / record.prepared.rate)
     seen = partial(as_sampled, direction, omega, finer=finer, moved=record.timing.late * made.log.rate)
     tried = {0.0: error.of(seen(0.0))}
-    in_time = not record.timing.lag and not record.delayed
+    # half the band tells a bristle behind a coarse encoder from a late step no more
+    usual = record.cutoff >= default_cutoff(record.prepared.rate)
+    in_time = usual and not record.timing.lag and not record.delayed
     for step in (*((COARSE * finer,) if in_time else ()), *STEPS):
         best = min(tried, key=tried.__getitem__)
         near = best + step * (np.arange(MOMENTS) - MOMENTS // 2)
