@@ -221,7 +221,8 @@ def _errors(record: Record, selection: Selection) -> dict[str, Errors]:
 def noise_floor(record: Record, fit: Fitted) -> Errors:
     """Return the noise floor of each balance, from the whitened residual of a fit.
 
-    Or the noise that the balance is known to have: candidates may explain a part of that. What is left is the most.
+    Where the balance is known to have more noise, of which candidates explain a part, it is that noise, but never more
+    than the residual.
 
     Parameters
     ----------

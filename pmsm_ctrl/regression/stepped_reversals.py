@@ -53,14 +53,14 @@ def stepped_at_reversals(design: Design, made: Made, record: Record, fit: Estima
     error = _Errors(record)
     followed, finer = error.of(direction, record.rate_of(direction)), round(made.log.rate / record.prepared.rate)
     seen = partial(as_sampled, direction, omega, finer=finer, moved=record.timing.late * made.log.rate)
-    tried = {0.0: error.of(seen(0.0))}
     # half the band tells a bristle behind a coarse encoder from a late step no more
     usual = record.cutoff >= default_cutoff(record.prepared.rate)
     in_time = usual and not record.timing.lag and not record.delayed
-    for step in (*((COARSE * finer,) if in_time else ()), *STEPS):
+    coarse = np.arange(0.0, LATEST * made.log.rate, COARSE * finer) if in_time else np.zeros(1)
+    tried = {one: error.of(seen(one)) for one in coarse.tolist()}
+    for step in STEPS:
         best = min(tried, key=tried.__getitem__)
-        near = best + step * (np.arange(MOMENTS) - MOMENTS // 2)
-        around = near if step in STEPS else np.arange(0.0, LATEST * made.log.rate, step)
+        around = best + step * (np.arange(MOMENTS) - MOMENTS // 2)
         tried |= {one: error.of(seen(one)) for one in around.tolist()}
     moment = min(tried, key=tried.__getitem__)
     if tried[moment] ** 2 - noise**2 > LOWERED * (followed**2 - noise**2):
