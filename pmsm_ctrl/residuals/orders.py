@@ -111,7 +111,26 @@ def _waves_of(
     travelled = np.cumsum(omega / prepared.thinned_rate)
     seen = counts >= max(policy.FEWEST, 1)
     seen[seen] = orders[seen] * travelled[counts[seen] - 1] >= 4.0 * np.pi
+    seen &= (counts == len(angle)) | (orders * _visited(angle, counts) >= policy.PERIODS * (2.0 * np.pi))
     return _Waves(slow, np.cos(angle), np.sin(angle), weight[slow] ** 2, direction[slow], counts, seen, both)
+
+
+def _visited(theta: Array, counts: NDArray[np.int64]) -> Array:
+    """Return how much of a turn was seen slowly enough for each order, rad, shape (highest,).
+
+    Around the reversals of a part of a turn the axis is slow enough for a high order, at the same few angles each time:
+    there a part of one period is any smooth function. `theta` has shape (n,), of the slowest sample first; of an order
+    the first `counts` are slow enough. A turn is divided into quarters of a period of the highest order of an octave.
+    """
+    highest = len(counts)
+    out, end = np.zeros(highest), highest
+    while end > 0:
+        start, parts = end // 2, 4 * end
+        first = np.unique(np.floor(theta * (parts / (2.0 * np.pi))) % parts, return_index=True)[1]
+        visited = np.searchsorted(np.sort(first), counts[start:end])
+        out[start:end] = visited * (2.0 * np.pi / parts)
+        end = start
+    return out
 
 
 def _normal_equations(none: Array, once: Array, twice: Array) -> tuple[Array, Array]:

@@ -44,6 +44,9 @@ PLAY = 3.0
 HIGHEST_ORDER, MOST_ORDERS = 120, 4
 # An order is judged where it lies below this share of the cutoff, from this many samples.
 PASSED, FEWEST = 0.8, 100
+# Periods of an order that are seen at different angles of a turn, at least, where not all samples are slow enough for
+# it: fewer are any smooth function.
+PERIODS = 2
 # Least score of a further order, and as a share of the first one's.
 ORDER_SCORE, ORDER_SHARE = 30.0, 0.04
 

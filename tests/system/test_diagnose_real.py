@@ -106,6 +106,7 @@ def test_paper_sweep_with_a_torque_constant_of_one(designs: Path, seed: int) -> 
     assert any("torque constant" in text for text in found.warnings)
 
 
+@pytest.mark.slow
 def test_without_voltages_nothing_is_claimed_of_the_torque_constant(designs: Path) -> None:
     design = Design.read(designs / "seed_motor.toml").replace(assumed={"K_t": 1.0})
     log = simulate(design, scenario("sweep", design, speed_step=25.0), seed=1)

@@ -270,6 +270,7 @@ def test_a_count_no_drive_has_is_refused(tmp_path: Path, place: str, value: floa
         Design.read(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("design", seeds(WATCH, SHIP, TUGBOAT), ids=lambda d: d["name"])
 def test_the_largest_and_the_smallest_axis(capsys: pytest.CaptureFixture[str], folder: Path, design: dict) -> None:
     Path("axis.toml").write_text(tomli_w.dumps(design), encoding="utf-8")

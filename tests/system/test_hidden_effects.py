@@ -78,8 +78,9 @@ FURTHER = {
     "current_gain", "backlash", "torque_ripple", "viscous_asymmetry", "quadratic_drag", "constant_load",
     "current_offset", "coulomb",
     "delay", "cogging",  # found below, and in the report of a diagnosis (tests/unit/test_report.py)
-    "presliding", "compliance",  # tests/unit/diagnose: test_bending_friction.py, test_false_springs.py
+    "presliding", "compliance",  # tests/unit: compare/test_reproduced.py, diagnose/test_false_springs.py
 }  # fmt: skip
+LONGEST = {"thermal_drift", "inductance_saturation", "load_dependent_friction"}  # with --slow, in the usual motion
 
 
 # At the middle strength it lowers the error of u_d by 1.1 %, which is not worth a name.
@@ -94,7 +95,7 @@ KNOWN_TO = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("effect", [slow(effect) if effect in FURTHER else effect for effect in SEEN])
+@pytest.mark.parametrize("effect", [slow(effect) if effect in FURTHER | LONGEST else effect for effect in SEEN])
 def test_hidden_effect_is_named_first_and_its_parameters_are_found(
     blind: ModuleType, effect: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -119,6 +120,7 @@ def test_clean_log_is_consistent(blind: ModuleType, motion: str, seed: int) -> N
     assert result.unexplained == ""
 
 
+@pytest.mark.slow
 def test_error_falls_to_the_floor_of_the_true_model(blind: ModuleType) -> None:
     case = blind.Case(("stribeck", "cogging"), 1.0, SHORT, 5)
     design, truth = blind.truth_of(Design.read(blind.DESIGN), case)

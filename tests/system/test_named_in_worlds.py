@@ -287,6 +287,7 @@ def test_torque_steps_that_move_the_axis_are_no_noise_behind_a_gap() -> None:
     assert found.errors["final"]["torque"]["relative"] < 0.5 * found.errors["base"]["torque"]["relative"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [pytest.param(1400148, marks=pytest.mark.slow), 1600641])
 def test_a_gap_that_noise_could_be_in_part_needs_twice_the_confirmation(seed: int) -> None:
     """Torque commands: as a whole a gap explains half of the excess, and 4.0 errors of cross-validation."""
@@ -348,6 +349,7 @@ UNDONE = pytest.mark.xfail(strict=True, reason="a gap is confirmed: what undoing
 HALF_A_DELAY = pytest.mark.xfail(strict=True, reason="a filter of 6.3 ms is told as one of 3.9 ms and 2.4 ms of delay")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "lag"),
     [
@@ -373,7 +375,7 @@ def test_the_filter_of_a_log_in_which_a_gap_is_named_is_found() -> None:
     assert found.timing.lag == pytest.approx(world.lag, rel=0.1)
 
 
-@pytest.mark.parametrize(("seed", "why"), [(1250082, "held reference"), (1250053, "F_v would be negative")])
+@pytest.mark.parametrize(("seed", "why"), [(1250082, "held reference"), slow(1250053, "F_v would be negative")])
 def test_an_inertia_is_not_flagged_where_a_sampling_in_step_with_the_reference_does_the_same(
     seed: int, why: str
 ) -> None:
@@ -394,6 +396,7 @@ def test_a_winding_is_not_flagged_where_the_log_shows_something_else_as_well() -
     assert "dead_time would bring it back" in winding.note
 
 
+@pytest.mark.slow
 def test_a_torque_constant_is_not_flagged_beside_a_negative_friction() -> None:
     world = draw(2600251, log_rate=250.0)
     stated = world.design.replace(log={"sampling": "instant"})  # else its voltages are left out
@@ -440,6 +443,7 @@ def test_edges_that_no_sample_caught_are_no_filter(seed: int) -> None:
     assert found.timing.lag == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "effect", "hidden"),
     [
@@ -507,6 +511,7 @@ def test_a_fast_log_without_a_ripple_of_the_current_names_what_one_would_explain
     assert found.steps[0].effect == effect
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4800586, slow(5200508), slow(6000181), slow(4000498), slow(4800191)])
 def test_what_a_command_holds_of_the_current_loop_is_no_gap(seed: int) -> None:
     """At each edge a command exceeds the current by what late compensation of the back-emf costs: 30 to 80 % a gap."""

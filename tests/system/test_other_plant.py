@@ -44,6 +44,7 @@ def test_what_recorders_do_to_a_log_is_no_missing_effect(kind: str, seed: int) -
     assert found.verdict in ("consistent", "inconclusive" if kind in COARSE else "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(701, 702))
 def test_a_filtered_speed_is_no_missing_effect(seed: int) -> None:
     # the drive of this simulator logs a moving average of four differences at 2 kHz: 1 ms old
@@ -158,6 +159,7 @@ def test_drives_of_other_sizes_raise_no_alarm(kind: str | None, seed: int, size:
     assert diagnose(*sized(*other_log("none", seed, kind=kind), *SIZES[size])).verdict == "consistent"
 
 
+@pytest.mark.slow
 def test_a_dead_time_of_no_size_is_not_named() -> None:
     # 0.02 V would lower the error of u_q, and raise that of u_d by a fifth
     assert diagnose(*other_log("none", 1081, kind="steps"), plan=False).verdict == "consistent"

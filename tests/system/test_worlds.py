@@ -141,6 +141,7 @@ def test_a_world_moves_and_its_log_is_one(seed: int) -> None:
     assert set(possible(world)) <= set(EFFECTS)
 
 
+@pytest.mark.slow
 def test_an_effect_is_named_though_noise_biases_the_timing_that_is_fitted_without_it() -> None:
     """Errors are compared with the timing held alike: a biased one makes them smaller, whatever the model."""
     world = replace(draw(470186), duration=15.0)

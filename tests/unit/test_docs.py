@@ -215,6 +215,7 @@ def test_every_file_that_the_map_of_contributing_names_exists() -> None:
 EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "script",
     [

@@ -168,6 +168,7 @@ FURTHER = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*CHOSEN, *(pytest.param(name, marks=pytest.mark.slow) for name in FURTHER)])
 def test_identify_and_diagnose_give_the_same_answers(name: str, design: Design) -> None:
     effect = CATALOGUE[name]

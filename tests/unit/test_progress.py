@@ -46,7 +46,7 @@ def log() -> Log:
     return Log({"t": t, "theta": theta, "omega": omega, "i_q": torque + noise})
 
 
-@pytest.mark.parametrize("verb", [slow("compare"), "add", "identify", slow("simulated")])
+@pytest.mark.parametrize("verb", [slow("compare"), slow("add"), "identify", slow("simulated")])
 def test_shares_rise_to_one_and_an_exception_ends_the_verb(verb: str, log: Log) -> None:
     design, shares = Design.from_toml(DESIGN), list[float]()
     VERBS[verb](design, log, progress=shares.append)

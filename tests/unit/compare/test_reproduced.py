@@ -260,6 +260,7 @@ def test_a_design_with_a_delay_and_a_curve_has_the_error_of_their_fit() -> None:
     assert errors(seen.record, seen.residual)["torque"][1] == pytest.approx(judged, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_delay_is_written_as_it_was_judged() -> None:
     design, log = late_log(5e-3)
     found = diagnose(design, log, candidates=("delay",), plan=False)

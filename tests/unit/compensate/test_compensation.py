@@ -450,7 +450,8 @@ def test_swings_of_a_cycle_need_not_be_equal() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seed", "counts", "elastic"), [(4011, 2.0, True), slow(4100, 13.8, True), (4263, 1.3, False), (6079, 19.9, False)]
+    ("seed", "counts", "elastic"),
+    [slow(4011, 2.0, True), slow(4100, 13.8, True), (4263, 1.3, False), (6079, 19.9, False)],
 )
 def test_whether_a_cycle_is_found_hangs_on_no_draw_of_the_noise(seed: int, counts: float, elastic: bool) -> None:
     """Gains by measured speed once declared safe: cycles on a drift, irregular ones, one after another push (6079)."""
@@ -463,6 +464,7 @@ def test_whether_a_cycle_is_found_hangs_on_no_draw_of_the_noise(seed: int, count
         assert found.cycle_amplitude == pytest.approx(counts * count_angle(drive), rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4011, slow(4100), slow(4263), slow(6079)])
 def test_a_gain_that_cycles_on_a_drift_or_after_one_of_the_pushes_is_not_safe(seed: int) -> None:
     drive, source, gain, _ = drawn(seed)

@@ -137,6 +137,7 @@ def test_loop_feeds_what_a_tracker_says_of_its_log(request: pytest.FixtureReques
     assert run.t[-1] == pytest.approx(motion.duration)
 
 
+@pytest.mark.slow
 def test_drift_is_followed(rich: Design) -> None:
     """Where F_c falls by 40 % with 6 s, what is fed is within 8 % of it at every moment from 2 s on, 3 % on average."""
     trial = study_trials(rich)["warm-up"]

@@ -135,6 +135,7 @@ def test_an_error_of_the_model_that_changes_with_the_band_has_no_name() -> None:
     assert found.record.timing.reversals > 5e-4
 
 
+@pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="the error was that of reversals by a torque that is late; they are in time now")
 def test_why_an_error_of_the_model_that_changes_with_the_band_has_no_name() -> None:
     world = draw(660131)

@@ -37,6 +37,7 @@ def bending(z_s: float, seed: int, late: float = 0.0, seconds: float = 20.0) -> 
     return Log({"t": t, "theta": theta, "torque": np.interp(t - late, t, torque) + noise})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize("z_s", [0.01, slow(0.002)])
 def test_it_is_named_and_its_shapes_are_found(z_s: float, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:

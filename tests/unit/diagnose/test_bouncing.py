@@ -38,6 +38,7 @@ def unlikely(values: dict[str, float], inertias: tuple[float, float] = INERTIAS)
     return float(np.sum(0.5 * np.log(square) + 3.0 * np.log1p(off**2 / square / 5.0)))
 
 
+@pytest.mark.slow
 def test_a_shaft_moves_alone_until_its_gap_is_closed() -> None:
     t = PERIOD * np.arange(200)
     theta = course(EFFECT, TRUE, INERTIAS, np.zeros(200), np.full(200, 0.01), PERIOD, STEPS)

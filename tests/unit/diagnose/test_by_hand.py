@@ -104,6 +104,7 @@ def test_a_held_out_record_shows_what_an_effect_contributes_there(added: Stepwis
     assert traces.held_out[0].balances[0].measured == pytest.approx(parts.measured)
 
 
+@pytest.mark.slow
 def test_the_search_is_the_diagnosis_and_can_be_ended(begun: Stepwise) -> None:
     seen: list[str] = []
     shares: list[float] = []

@@ -33,6 +33,7 @@ def moves(late: float, seed: int, load: float = 0.0) -> Log:
     return Log({"t": t, "theta": theta, "torque": torque + noise})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize("late", [60e-3, slow(5e-3), slow(9e-3), slow(14e-3), slow(30e-3)])
 def test_it_is_named_with_its_size(late: float, seed: int) -> None:

@@ -40,6 +40,7 @@ def test_an_end_that_nothing_bounds_is_said() -> None:
     assert "interval_95" not in jsonable(Estimate(0.5, "N", 0.1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(504, 505, 506))
 def test_a_power_of_speed_has_the_interval_of_its_profile(seed: int) -> None:
     """Friction that grows with a power near 0.5 is hardly told from dry and viscous friction.

@@ -28,6 +28,7 @@ from pmsm_ctrl.diagnose.unexplained import impossible_winding
 from pmsm_ctrl.effects.catalogue import CATALOGUE, catalogue_of
 from pmsm_ctrl.result import Verdict
 from pmsm_ctrl.simulate import simulate
+from tests.effort import seeds
 
 algorithm = sys.modules["pmsm_ctrl.diagnose.diagnosis"]
 
@@ -217,7 +218,7 @@ def test_sampling_comes_before_any_other_reason_against_a_significant_delay(
     assert told.refused["b"].reason is Reason.MINOR
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", seeds(3, 4))
 def test_a_delay_that_the_sampling_takes_up_is_as_long_as_that(designs: Path, seed: int) -> None:
     design = Design.read(designs / "hand_tuned.toml")
     log = simulate(design, "identification", seed=seed)

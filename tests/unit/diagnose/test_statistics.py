@@ -26,7 +26,7 @@ from pmsm_ctrl.regression.covariance import noise_covariance
 from pmsm_ctrl.regression.model import solve_model
 from pmsm_ctrl.regression.reversals import timed_sign
 from pmsm_ctrl.simulate import scenario, simulate
-from tests.effort import seeds
+from tests.effort import seeds, slow
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
@@ -120,7 +120,7 @@ def test_unknown_candidate_is_refused(designs) -> None:
         diagnose(design, log, candidates=["coging"])
 
 
-@pytest.mark.parametrize("every", [20, 50])
+@pytest.mark.parametrize("every", [slow(20), 50])
 def test_a_log_too_slow_for_any_spring_is_diagnosed(designs, every: int) -> None:
     design = Design.read(designs / "seed_motor.toml")
     log = simulate(design, "identification", seed=1)

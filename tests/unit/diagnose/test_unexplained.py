@@ -187,6 +187,7 @@ def test_the_mean_of_a_command_over_twenty_periods_is_no_missing_effect() -> Non
     assert found.record.turning == 0.0  # of seven tenths of it the direction was not known
 
 
+@pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="of the whole log what is left resembles a gap: the steps of the torque alias")
 def test_the_mean_of_a_command_over_twenty_periods_is_inconclusive() -> None:
     from pmsm_ctrl.diagnose import diagnose

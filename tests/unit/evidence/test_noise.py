@@ -11,7 +11,7 @@ from scipy.stats import binom
 from pmsm_ctrl.evidence.noise import autocorrelation, burg, fit_noise, mean_of, stretches
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 from pmsm_ctrl.regression.least_squares import solve, t_quantile
-from tests.effort import amount
+from tests.effort import amount, slow
 
 
 def ar1(rng: np.random.Generator, n: int, rho: float) -> np.ndarray:
@@ -80,7 +80,7 @@ def test_what_was_fitted_is_given_back_as_written_with_whole_matrices() -> None:
     assert fit_noise(residual, mask, max_order=2, basis=basis).a == pytest.approx(plain.a - bias, rel=1e-9)
 
 
-@pytest.mark.parametrize(("rho", "n"), [(0.0, 300), (0.5, 500), (0.9, 1500), (0.97, 5000)])
+@pytest.mark.parametrize(("rho", "n"), [(0.0, 300), (0.5, 500), (0.9, 1500), slow(0.97, 5000)])
 def test_95_percent_intervals_cover(rho: float, n: int) -> None:
     t = np.arange(n) * 0.01
     speed = np.sin(0.8 * t) + 0.4 * np.sin(2.9 * t)

@@ -74,7 +74,7 @@ def test_c_agrees_with_the_terms_over_a_scenario(
     assert np.ptp(found) > 0.05
 
 
-@pytest.mark.parametrize("smoothing", [0.0, 0.5])
+@pytest.mark.parametrize("smoothing", seeds(0.5, 0.0))
 def test_every_flavour_of_structured_text_gives_the_current_of_the_c(
     design: Design, tmp_path: Path, smoothing: float
 ) -> None:

@@ -116,6 +116,7 @@ def test_the_measured_design_holds_the_spring_and_its_margins(found: FrequencyRe
     assert again.margins["phase_margin"][1] == pytest.approx(margin.value, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_records_are_averaged(seed: Design) -> None:
     """Four records of the same excitation: the errors of each line, and of what is fitted, are half of those of one."""
     logs = [simulate(seed, multisine(design=seed, periods=3.0), seed=k) for k in range(4)]
@@ -307,6 +308,7 @@ def test_a_binary_sequence_is_measured_at_a_quarter_of_that_rate(seed: Design, c
     assert "held between the samples" in result.summary()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("J", seeds(7e-5, 9e-5, "unknown"))
 def test_without_noise_nothing_is_left_of_the_steps(seed: Design, J: float | str) -> None:
     """The inertia need not be known: what the controller answers is that of the axis that is found first."""
@@ -346,6 +348,7 @@ def test_a_sequence_in_front_of_filters_is_measured(seed: Design, filters: list[
     assert [one.code for one in result.notices] == ["frf_resonance_not_in_design"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clock", seeds(1.25e-3, 1.5e-3, 5.25e-3))
 def test_a_clock_between_the_samples_is_found(seed: Design, clock: float) -> None:
     """Steps between the samples, of which a sample tells the values: 11 % of the inertia before, and no doubt."""

@@ -212,6 +212,7 @@ def test_a_filter_of_the_current_is_no_effect_and_its_time_constant_is_reported(
     assert f"about {1e3 * found.timing.lag:.2g} ms" in found.summary()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [5e-3, slow(2e-3)])
 def test_a_filter_is_found_beside_an_effect_that_hides_it_at_first(lag: float) -> None:
     offered = ("unbalance", "cogging", "position_dependent_friction", "encoder_eccentricity", "compliance", "delay")
@@ -225,6 +226,7 @@ def test_a_filter_that_the_log_states_is_not_said_again() -> None:
     assert "drive_signal_filtered" not in found.to_dict()["warning_codes"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize("lag", [slow(4e-3), 6.3e-3])
 def test_a_filter_that_reaches_into_the_band_of_a_slow_log_is_found(seed: int, lag: float) -> None:
@@ -347,6 +349,7 @@ def test_a_stated_mean_over_the_period_is_undone(seed: int) -> None:
     assert found.timing.delay == pytest.approx(0.5 * PERIOD, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(3, 4))
 def test_beside_a_stated_sampling_half_a_period_is_a_delay(seed: int) -> None:
     log = made(seed, late=0.5 * PERIOD)

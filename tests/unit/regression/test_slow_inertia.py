@@ -27,6 +27,7 @@ def servo(stated: float) -> tuple[Design, Log]:
     return design, Log({"t": even, "theta": coarse, "torque": torque})
 
 
+@pytest.mark.slow
 def test_half_the_inertia_in_the_design_is_found_and_no_effect_is_named_for_it() -> None:
     found = diagnose(*servo(0.5 * J), plan=False)
     assert found.steps == ()

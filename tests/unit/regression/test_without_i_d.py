@@ -35,6 +35,7 @@ def test_it_is_said_what_stands_for_i_d() -> None:
     assert "i_d_assumed" not in [note.code for note in timed_record(believed(), drawn(3)).notes]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(3, 4, 5))
 def test_a_dead_time_is_named_without_i_d(seed: int) -> None:
     log = kept_at_zero(seed)

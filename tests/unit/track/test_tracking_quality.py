@@ -69,7 +69,7 @@ def test_nees_and_nis_keep_their_bands_in_many_runs(by_hand: Design, walking: bo
     assert min(found.efficiency) > 0.9
 
 
-@pytest.mark.parametrize("share", [0.3, -0.3])
+@pytest.mark.parametrize("share", seeds(-0.3, 0.3))
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_step_of_coulomb_friction_is_followed_within_two_seconds(design: Design, share: float, seed: int) -> None:
     truth = design.with_own_effects(step_of_F_c).with_effect("step_of_F_c", {"dF_c": share * F_C, "t_0": 4.0})
@@ -139,6 +139,7 @@ def test_online_and_offline_agree_within_their_errors(design: Design, seed: int)
         assert abs(offline[name].value - online[name].value) < 3.0 * spread
 
 
+@pytest.mark.slow
 def test_load_torque_and_inertia_can_be_tracked_too(design: Design) -> None:
     truth = design.with_effect("constant_load", {"T_0": 0.02}).with_parameters(J=1.08 * design.J)
     log = simulate(design, scenario("triangle", design, speed=150.0, period=1.0, cycles=15.0), truth=truth, seed=5)

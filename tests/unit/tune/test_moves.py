@@ -113,6 +113,7 @@ def test_moves_are_as_promised_where_the_rotor_turns_far_in_a_control_period(see
     assert all(move.agrees for move in moves(turning.cascade, turning.design))
 
 
+@pytest.mark.slow
 def test_moves_are_as_promised_where_the_decoupling_lags_the_speed():
     # The speed filter of 4 ms lets the decoupling lag by 29 rad/s, and i_d rises; its product with that lag drives i_q.
     slow = tune(machine(9125), prove=False)

@@ -146,6 +146,7 @@ def test_resonance_frequencies_are_the_textbooks(root):
     assert resonance_frequencies(Design.read(root / "seed_motor.toml")) is None
 
 
+@pytest.mark.slow
 def test_a_resonance_gets_a_filter_proposed_with_margins_before_and_after(resonant):
     found = resonant.resonance
     assert resonant.requirements.missed(found.before)
