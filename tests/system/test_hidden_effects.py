@@ -134,7 +134,7 @@ def test_error_falls_to_the_floor_of_the_true_model(blind: ModuleType) -> None:
 @pytest.mark.parametrize(
     ("effect", "text", "seed"),
     [
-        ("viscous_asymmetry", "speed and direction", 3),
+        slow("viscous_asymmetry", "speed and direction", 3),
         # a log in which no Stribeck curve takes half of it, as one does with seeds 3 to 7
         slow("thermal_drift", "time since start", 8),
         slow("torque_ripple", "order 24 of a turn", 3),  # six times the four pole pairs

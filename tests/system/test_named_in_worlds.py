@@ -18,6 +18,7 @@ from tests.effort import slow
 FEWER_STARTS = pytest.mark.xfail(strict=True, reason="on the edge, and lost with the samples of a few starts")
 
 
+@pytest.mark.slow
 def test_an_effect_that_noise_hides_in_the_usual_band_is_found_in_half_of_it() -> None:
     world = draw(480046)  # margin 5
     log = simulate_world(world, {"ripple": 0.002003, "ripple_order": 6.0})
@@ -109,6 +110,7 @@ def test_an_effect_that_explains_a_minor_part_is_named_where_half_the_band_shows
     assert added(world.design, log, "cogging").supported
 
 
+@pytest.mark.slow
 def test_a_look_alike_for_want_of_a_channel_is_said() -> None:
     """The gain of a phase's current sensor is a ripple of order 2 in a log of the torque, which has no i_d."""
     world = draw(470122)
@@ -375,6 +377,7 @@ def test_the_filter_of_a_log_in_which_a_gap_is_named_is_found() -> None:
     assert found.timing.lag == pytest.approx(world.lag, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "why"), [(1250082, "held reference"), slow(1250053, "F_v would be negative")])
 def test_an_inertia_is_not_flagged_where_a_sampling_in_step_with_the_reference_does_the_same(
     seed: int, why: str
@@ -407,6 +410,7 @@ def test_a_torque_constant_is_not_flagged_beside_a_negative_friction() -> None:
     assert "F_v would be negative" in constant.note
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2600251, slow(4200027), slow(4200038), slow(4200048), slow(4200201)])
 def test_no_winding_is_judged_by_voltages_in_step_with_a_held_reference(seed: int) -> None:
     """The flux linkage was off by 8 to 90 %: it was flagged, or a negative friction was said to speak against it."""
@@ -417,6 +421,7 @@ def test_no_winding_is_judged_by_voltages_in_step_with_a_held_reference(seed: in
     assert "voltages_in_step" in [one.code for one in found.notices]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4200224, slow(4200232), slow(4200288)])
 def test_a_wave_at_one_speed_is_no_cogging(seed: int) -> None:
     """Orders of 538, 122 and 70 were named, all at one level of a staircase."""

@@ -120,6 +120,7 @@ def test_a_difference_that_nothing_explains_fails(seed):
     assert "5/8 checks passed in simulation" in bad.summary(width=1000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "parameters", "loop"),
     [
@@ -243,6 +244,7 @@ def test_fast_windings_are_tuned_without_a_hand(designs, tau):
     assert not found.having(Outcome.EXPLAINED)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("loops_alone")
 def test_a_nearly_unstable_current_loop_is_measured_within_the_voltage():
     """At 2.4 deg of margin the control error is 23 times the reference: 10.2 were measured at the voltage limit."""

@@ -550,6 +550,7 @@ def test_errors_below_a_count_do_not_end_a_window() -> None:
     assert gain_window(run, ["any"], "reference", gains=gains, resolution=4.8e-5).safe == 1.0
 
 
+@pytest.mark.slow
 def test_a_window_holds_with_presliding_too(design: Design) -> None:
     """By commanded speed at 120 % a bristle cycles by some counts, where the rigid contact stands still.
 

@@ -32,6 +32,7 @@ def controller(frequency: np.ndarray) -> np.ndarray:
     return 0.045 * (1.0 + 1.0 / (5e-3 * s)) * np.exp(-0.6e-3 * s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass", seeds(SPRING, None))
 def test_bands_hold_the_margins_of_the_true_axis(rng: np.random.Generator, mass: SecondMass | None) -> None:
     """The fitted axis is 5 % off: that does not matter."""

@@ -269,6 +269,7 @@ def of_speed_alone(log: Log, lag: float = 0.0) -> Log:
     return Log({"t": log.t, "omega": omega, "i_q": log["i_q"]})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_a_current_later_than_a_speed_is_a_delay(seed: int) -> None:
     """A filter makes a speed too late, never too early."""

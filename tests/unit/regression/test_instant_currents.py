@@ -49,7 +49,7 @@ def hoisting(seed: int, share: float) -> Log:
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
-@pytest.mark.parametrize("share", [0.0, 1.0])  # a mean of the converter over the period; an instant
+@pytest.mark.parametrize("share", seeds(0.0, 1.0))  # a mean of the converter over the period; an instant
 def test_it_is_no_friction_by_direction(share: float, seed: int) -> None:
     found = diagnose(DESIGN, hoisting(seed, share), plan=False)
     assert [step.effect for step in found.steps] == []
