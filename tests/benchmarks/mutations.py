@@ -62,6 +62,8 @@ MUTATIONS = (
              "BENT = 0.7", "BENT = 70.0", "unit/regression/test_stepped_reversals.py"),
     Mutation("stepped: a torque that is late is in time", "plausibility/late_steps.py",
              "not timing.late > record.sampling", "True", "unit/regression/test_stepped_reversals.py"),
+    Mutation("orders: few angles, passed again and again, tell any order", "residuals/orders.py",
+             "(counts == len(angle)) | (orders", "True | (orders", "unit/residuals/test_orders.py"),
     Mutation("noise floor: without the steps of the encoder", "diagnose/outcome.py",
              "min(known_noise(fit, row), left)", "0.0", "unit/diagnose/test_verdict.py"),
     Mutation("weight: reversals count in full", "regression/weights.py",

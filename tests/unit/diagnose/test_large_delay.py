@@ -56,7 +56,6 @@ def test_what_else_is_missing_is_named_beside_it(seed: int) -> None:
     assert load.parameters["T_0"].value == pytest.approx(T_0, rel=0.02)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 @pytest.mark.parametrize(("filters", "time"), [(1, 12e-3), slow(2, 12e-3)])
 def test_a_filter_is_no_delay(filters: int, time: float, seed: int) -> None:
