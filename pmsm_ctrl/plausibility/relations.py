@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.plausibility.bins import Bins
 from pmsm_ctrl.plausibility.policy import POLICY
-from pmsm_ctrl.regression.reversals import bends
+from pmsm_ctrl.regression.reversals import REACHES, bend
 
 __all__ = [
     "BOXES", "Evidence", "Fit", "Ratio", "bristle_balance", "evidence_of", "fitted", "moved", "torque_balance",
@@ -32,6 +32,7 @@ FEW = 0.25  # of the windows that move, below which all of them count
 FEWEST = 60  # rows of a regression
 STEADY = 0.25  # of a speed that a window four times as wide leaves at least
 BIASED = 0.5  # share of what is left that may act along a column
+REFINED = 4  # times the grid of the springs is halved about the best one
 BOXES = 4  # bins of a window's boxes, 20 ms at 5 ms
 WIDE = 16  # of a window in which even a coarse angle has an acceleration
 
@@ -179,7 +180,9 @@ def _sliding(bins: Bins, boxes: int) -> NDArray[np.bool_]:
 
 
 def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
-    """Regress the torque, in time, on acceleration and the friction of a spring that slides; the best of some springs.
+    """Regress the torque, in time, on acceleration and the friction of a spring that slides; the best of all springs.
+
+    Where the friction is most of the torque, one that reaches a tenth too far leaves more than a delay does.
 
     Parameters
     ----------
@@ -191,12 +194,24 @@ def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
     motion = moved(bins)
     if motion is None:
         return None
-    used, seen = _sliding(bins, BOXES), bins.smooth(torque, BOXES)
-    fits = []
-    for bent in bends(angle):
-        whole = bent[: len(bins.t) * bins.samples].reshape(-1, bins.samples).mean(axis=1)
-        fits.append(_balance(bins, motion, used, seen, 0, side=bins.smooth(whole, BOXES)))
-    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.left, default=None)
+    used, seen, bent = _sliding(bins, BOXES), bins.smooth(torque, BOXES), np.empty(len(angle))
+    found: dict[tuple[float, float], Fit] = {}
+
+    def tried(share: float, elastic: float) -> None:
+        whole = bend(angle, share, bent, elastic)[: len(bins.t) * bins.samples].reshape(-1, bins.samples).mean(axis=1)
+        if (fit := _balance(bins, motion, used, seen, 0, side=bins.smooth(whole, BOXES))) is not None:
+            found[share, elastic] = fit
+
+    for elastic in (0.0, 1.0):
+        for share in REACHES.tolist():
+            tried(share, elastic)
+    step = math.log(REACHES[1] / REACHES[0])
+    for _ in range(REFINED if found else 0):
+        step *= 0.5
+        share, elastic = min(found, key=lambda one: found[one].left)
+        tried(share * math.exp(-step), elastic)
+        tried(share * math.exp(step), elastic)
+    return min(found.values(), key=lambda fit: fit.left, default=None)
 
 
 def _balance(

@@ -14,11 +14,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.effects.presliding import term as presliding
 from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.kernels import inlined, kernel
 from pmsm_ctrl.regression.filters import shifted
 
-__all__ = ["ROUNDED", "as_sampled", "bends", "reversals", "timed_sign"]
+__all__ = ["ROUNDED", "as_sampled", "bend", "bends", "reversals", "timed_sign"]
 
 Array = NDArray[np.float64]
 
@@ -47,13 +48,43 @@ def bends(angle: Array) -> Iterator[Array]:
     array, shape (n,)
         The same one, filled anew.
     """
+    bent = np.empty(len(angle))
+    for share in REACHES.tolist():
+        yield bend(angle, share, bent)
+
+
+def bend(angle: Array, share: float, out: Array | None = None, elastic: float = 1.0) -> Array:
+    """Return the friction of a spring that slides, as a share of its level, shape (n,).
+
+    Parameters
+    ----------
+    angle : array, shape (n,)
+    share : float
+        Of the travel, over which it reaches.
+    out : array, shape (n,), optional
+        Filled, and returned.
+    elastic : float
+        Share of the level from which on it slides in part: 1 is a spring that slides as a whole.
+    """
     from pmsm_ctrl.kernels.springs import slider
 
-    angle, bent = np.ascontiguousarray(angle), np.empty(len(angle))
-    for reach in (REACHES * np.ptp(angle)).tolist():
-        slider(angle, reach, bent)
-        bent /= reach
-        yield bent
+    angle, reach = np.ascontiguousarray(angle), share * float(np.ptp(angle))
+    out = np.empty(len(angle)) if out is None else out
+    if elastic < 1.0:
+        _sliding_in_part(angle, reach, elastic, out)
+        return out
+    slider(angle, reach, out)
+    out /= reach
+    return out
+
+
+@kernel
+def _sliding_in_part(angle: Array, reach: float, elastic: float, out: Array) -> None:
+    bent = 0.0
+    for n in range(angle.size):
+        if n > 0:
+            bent = presliding(bent, angle[n] - angle[n - 1], 0.0, 1.0, reach, elastic, 0.0)[0]
+        out[n] = bent
 
 
 def timed_sign(omega: Array) -> Array:
