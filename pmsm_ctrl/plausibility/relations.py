@@ -32,7 +32,7 @@ FEW = 0.25  # of the windows that move, below which all of them count
 FEWEST = 60  # rows of a regression
 STEADY = 0.25  # of a speed that a window four times as wide leaves at least
 BIASED = 0.5  # share of what is left that may act along a column
-REFINED = 4  # times the grid of the springs is halved about the best one
+REFINED = 5  # times the grid of the springs is halved about the best one
 BOXES = 4  # bins of a window's boxes, 20 ms at 5 ms
 WIDE = 16  # of a window in which even a coarse angle has an acceleration
 
@@ -180,9 +180,10 @@ def _sliding(bins: Bins, boxes: int) -> NDArray[np.bool_]:
 
 
 def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
-    """Regress the torque, in time, on acceleration and the friction of a spring that slides; the best of all springs.
+    """Regress the torque, in time, on acceleration and the friction of a spring that slides, as a whole or in part.
 
-    Where the friction is most of the torque, one that reaches a tenth too far leaves more than a delay does.
+    The best spring is sought closely: where friction is most of the torque, one that reaches a tenth too far leaves
+    more than a delay does.
 
     Parameters
     ----------
@@ -205,12 +206,15 @@ def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
     for elastic in (0.0, 1.0):
         for share in REACHES.tolist():
             tried(share, elastic)
-    step = math.log(REACHES[1] / REACHES[0])
+    further, more = float(REACHES[1] / REACHES[0]), 1.0
     for _ in range(REFINED if found else 0):
-        step *= 0.5
+        further, more = math.sqrt(further), 0.5 * more
         share, elastic = min(found, key=lambda one: found[one].left)
-        tried(share * math.exp(-step), elastic)
-        tried(share * math.exp(step), elastic)
+        for near in ((share / further, elastic), (share * further, elastic)):
+            tried(*near)
+        share, elastic = min(found, key=lambda one: found[one].left)
+        for near in ((share, max(elastic - more, 0.0)), (share, min(elastic + more, 1.0))):
+            tried(*near)
     return min(found.values(), key=lambda fit: fit.left, default=None)
 
 
