@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Accepted
-from pmsm_ctrl.diagnose.measures import amplitudes, squares
+from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.search import Trial
@@ -132,7 +131,6 @@ def _starts(case: Case, found: Selection) -> Iterator[tuple[str, ...]]:
         yield from _rivals(found, case.policy)
     else:
         yield from equals(case, found)
-    yield from _without_idle(found, case.policy)
     alone = {trial.candidate.effect.id: trial.plain_gain for trial in found.fits[0].trials}
     for k, one in enumerate(found.accepted):
         if one.effect.structure.splits_inertia:
@@ -149,14 +147,6 @@ def _starts(case: Case, found: Selection) -> Iterator[tuple[str, ...]]:
             continue
         ids = [other.effect.id for other in others] + [instead]
         yield tuple(sorted(ids, key=lambda name: -alone.get(name, 0.0)))
-
-
-def _without_idle(found: Selection, policy: Policy) -> Iterator[tuple[str, ...]]:
-    """Ids of the effects without one that the last fit does not determine: a later one does all that it did."""
-    ids = tuple(one.effect.id for one in found.accepted)
-    for k in range(len(ids) - 1):
-        if criteria.determined(amplitudes(found.fit, k), False, policy) is not None:
-            yield (*ids[:k], *ids[k + 1 :])
 
 
 def equals(case: Case, found: Selection) -> Iterator[tuple[str, ...]]:

@@ -93,8 +93,6 @@ MUTATIONS = (
     Mutation("orders: lines of the encoder are waves of the torque", "regression/fast_orders.py",
              "np.where(of_angle & (unanswered > 0.0), 0.0,", "np.where(of_angle & (unanswered < 0.0), 0.0,",
              "unit/regression/test_fast_orders.py -k line_of_the_encoder"),
-    Mutation("effects: one of which nothing is left keeps its name", "diagnose/swap.py",
-             "False, policy) is not None:", "False, policy) is None:", "unit/diagnose/test_swap.py"),
     Mutation("minor effects: never looked for", "diagnose/diagnosis.py",
              "if shown and any(", "if not shown and any(", "unit/diagnose/test_selection.py"),
     Mutation("Holm: every rank pays for one test less", "evidence/tests.py",
