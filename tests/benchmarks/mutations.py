@@ -73,7 +73,7 @@ MUTATIONS = (
              "judge_sampling(after, case.policy) or refusal", "refusal", "unit/diagnose/test_selection.py"),
     Mutation("gaps: sized by what is beyond the noise alone", "diagnose/judging.py",
              "(larger := sized(fit, trial, policy.left_inside)) is not trial", "(larger := trial) is not trial",
-             "system/test_named_in_worlds.py -k sized_as_a_whole"),
+             "unit/diagnose/test_judging.py"),
     Mutation("gaps: no doubt where edges of the torque could be noise", "diagnose/judging.py",
              "minor_too = minor_too or in_doubt(fit, trial, policy.left_inside)\n", "pass\n",
              "unit/diagnose/test_unexplained.py -k twenty_periods"),
