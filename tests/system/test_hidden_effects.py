@@ -111,7 +111,7 @@ def test_hidden_effect_is_named_first_and_its_parameters_are_found(
         assert result.steps[0].parameters[symbol].value == pytest.approx(blind.MIDDLE[effect][symbol], rel=tolerance)
 
 
-@pytest.mark.parametrize("motion", [SHORT, "servo", slow("mixed"), slow("identification")])
+@pytest.mark.parametrize("motion", [SHORT, slow("servo"), slow("mixed"), slow("identification")])
 @pytest.mark.parametrize("seed", seeds(11, 12))
 def test_clean_log_is_consistent(blind: ModuleType, motion: str, seed: int) -> None:
     result = blind.run(blind.Case((), 0.0, motion, seed))
@@ -340,7 +340,7 @@ def test_dead_time_left_out_is_unexplained_where_a_resistance_takes_most_of_it(b
     ("name", "factor", "motion"),
     [
         ("J", 1.6, SHORT),
-        ("R", 2.0, SHORT),
+        slow("R", 2.0, SHORT),
         *(
             slow(name, factor, motion)
             for name, factor in (("J", 1.6), ("J", 0.5), ("R", 2.0), ("psi_f", 0.92), ("L_q", 0.6))

@@ -144,6 +144,7 @@ def test_friction_that_falls_to_a_fifth_is_stribeck_friction() -> None:
     assert step.parameters["dF_s"].value == pytest.approx(hidden["stribeck"], rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "within", "values"),
     [

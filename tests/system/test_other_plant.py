@@ -28,6 +28,7 @@ def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
     assert diagnose(*other_log("none", seed, duration=15.0), plan=False).verdict == "consistent"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [
@@ -91,6 +92,7 @@ def without_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(final_fit, "with_profiles", lambda design, fit: fit)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_profiles")
 @pytest.mark.parametrize(
     ("effect", "kind", "seed"),

@@ -451,7 +451,7 @@ def test_swings_of_a_cycle_need_not_be_equal() -> None:
 
 @pytest.mark.parametrize(
     ("seed", "counts", "elastic"),
-    [slow(4011, 2.0, True), slow(4100, 13.8, True), (4263, 1.3, False), (6079, 19.9, False)],
+    [slow(4011, 2.0, True), slow(4100, 13.8, True), slow(4263, 1.3, False), (6079, 19.9, False)],
 )
 def test_whether_a_cycle_is_found_hangs_on_no_draw_of_the_noise(seed: int, counts: float, elastic: bool) -> None:
     """Gains by measured speed once declared safe: cycles on a drift, irregular ones, one after another push (6079)."""

@@ -65,6 +65,7 @@ def test_a_wave_is_found_across_other_zeros_of_the_angle() -> None:
     assert found.errors["final"]["torque"]["rms"] < 0.3 * 0.004 / np.sqrt(2.0)
 
 
+@pytest.mark.slow
 def test_the_other_verbs_take_the_same_records() -> None:
     logs = records(OWN, seconds=3.0)
     identified = identify(DESIGN, logs)

@@ -36,7 +36,7 @@ def seed_motor(designs: Path) -> Design:
         slow("measured", 0.0),
         slow("observer", 0.0),
         slow("reference", 1e-3),
-        ("commanded", 1e-3),
+        slow("commanded", 1e-3),
     ],
 )
 def test_the_compiled_c_in_the_loop_is_the_simulated_compensation(

@@ -319,6 +319,7 @@ def test_without_noise_nothing_is_left_of_the_steps(seed: Design, J: float | str
     assert axis.values[2] == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise_of", seeds(11, 12, 13))
 def test_a_slow_sequence_leaves_a_wide_interval_at_the_resonance(seed: Design, noise_of: int) -> None:
     """Of 20 ms little power is left at 131 Hz: 0.62 % off with the first seed, 2.4 standard errors."""
@@ -395,6 +396,7 @@ def test_a_binary_speed_reference_is_measured(seed: Design, clock: float, *, fil
     assert not rigid.notices
 
 
+@pytest.mark.slow
 def test_the_speed_loop_is_that_of_a_smooth_reference(seed: Design) -> None:
     """A held reference acts half a period later: the response is taken to where python-control puts it."""
     design = seed.replace(loops={"speed": seed.loops.speed.model_dump() | {"reference_filter": 0.0}})

@@ -67,6 +67,7 @@ def test_a_log_that_is_stated_to_hold_means_has_none() -> None:
         assert ("torque_between_samples" in codes) is (sampling == "instant")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(0, 4, 7))
 def test_the_inertia_of_a_speed_sweep(designs: Path, seed: int) -> None:
     """It was 1.1 to 1.6 % too small, 2.4 to 3.4 standard errors, without a word."""

@@ -244,6 +244,7 @@ def test_a_delay_of_a_slow_log_is_no_filter(seed: int) -> None:
     assert found.steps[0].parameters["tau"].value == pytest.approx(9e-3, rel=0.04)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_delay_that_no_filter_explains_is_one(seed: int) -> None:
     found = diagnose(believed(), made(seed, late=5e-3), plan=False)
