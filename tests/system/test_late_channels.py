@@ -15,6 +15,7 @@ from tests.effort import slow
 needs_gcc = pytest.mark.skipif(gcc() is None, reason="GCC ABSENT: the fourth simulator cannot be compiled")
 
 
+@pytest.mark.slow
 @needs_gcc
 @pytest.mark.parametrize(
     ("seed", "delay"),

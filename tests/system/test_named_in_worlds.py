@@ -391,6 +391,7 @@ def test_an_inertia_is_not_flagged_where_a_sampling_in_step_with_the_reference_d
     assert why in inertia.note
 
 
+@pytest.mark.slow
 def test_a_winding_is_not_flagged_where_the_log_shows_something_else_as_well() -> None:
     world = draw(2600185, log_rate=250.0)
     found = diagnose(world.design, simulate_world(world), plan=False)

@@ -9,6 +9,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 import pmsm_ctrl
 from tests.sources import nodes_of
 
@@ -76,6 +78,7 @@ def within(limit: float, pattern: re.Pattern[str], method: str, text: str) -> bo
     return False
 
 
+@pytest.mark.slow
 def test_time_is_linear_in_the_length() -> None:
     """By the square, 8,000 characters take 7.5 ms at the quickest; in linear time they take less than 1 ms."""
     found = list(patterns())

@@ -126,6 +126,7 @@ def test_a_wave_of_the_torque_is_as_large_above_the_band(seed: int, monkeypatch:
     assert stderr < 0.1
 
 
+@pytest.mark.slow
 def test_an_error_of_the_model_that_changes_with_the_band_has_no_name() -> None:
     """A clean world: what is left at 40 Hz is a Stribeck friction of 0.5 of its excess, and its negative at 20 Hz."""
     world = draw(660131)

@@ -24,7 +24,7 @@ def log() -> Log:
     return Log({"t": t, "omega": omega, "torque": J * alpha + F_C * np.sign(omega) + F_V * omega + noise})
 
 
-@pytest.mark.parametrize("F_c", [None, 0.001, slow(0.02)])
+@pytest.mark.parametrize("F_c", [None, slow(0.001), slow(0.02)])
 def test_the_design_as_given_and_the_base_model(log: Log, F_c: float | None) -> None:
     """A datasheet states no friction; it was fitted silently, and the first error was that of another design."""
     design = Design.from_dict(SHEET)

@@ -81,6 +81,7 @@ def test_the_inertia_of_a_speed_sweep(designs: Path, seed: int) -> None:
 AS_FAR = pytest.mark.xfail(strict=True, reason="what is folded is no more than half of the standard error")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, slow(4), pytest.param(7, marks=[pytest.mark.slow, AS_FAR])])
 def test_the_torque_between_the_samples_of_a_speed_sweep_is_said(designs: Path, seed: int) -> None:
     axis = Design.read(designs / "seed_motor.toml")

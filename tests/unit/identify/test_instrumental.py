@@ -75,7 +75,7 @@ def rejected(seeds: range, rho: float, endogenous: float) -> tuple[float, float]
     return low / len(seeds), called / len(seeds)
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.9])
+@pytest.mark.parametrize("rho", seeds(0.9, 0.0))
 def test_false_alarms_with_white_and_with_coloured_noise(rho: float) -> None:
     # 5 % of 400: 2.6 % to 7.8 % with probability 99 %; the short form has 100
     low, called = rejected(range(amount(100, 400)), rho, 0.0)

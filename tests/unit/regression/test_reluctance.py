@@ -133,7 +133,7 @@ def test_a_salient_motor_has_no_drag_that_a_ripple_explains_as_well(seed: int) -
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
-@pytest.mark.parametrize("shown", [0.1, 0.0])
+@pytest.mark.parametrize("shown", seeds(0.0, 0.1))
 def test_a_fast_log_tells_a_ripple_from_a_drag(seed: int, shown: float) -> None:
     """Two samples a millisecond: where they show no ripple, there is none (worlds 2500442, 2500277, 1901308)."""
     log, _ = log_of(seed, shown, period=0.5e-3)

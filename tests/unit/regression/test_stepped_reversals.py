@@ -39,7 +39,7 @@ def prescribed(seed: int, late: float, noise: float = 2e-4, rate: float = RATE, 
 # in time; a sum of speeds that begins before or after the sample; and fast logs, which are thinned
 @pytest.mark.parametrize(
     ("late", "rate"),
-    [(0.0, RATE), (0.5, RATE), slow(-0.5, RATE), slow(0.0, 2.0 * RATE), (0.5, 4.0 * RATE), slow(0.0, 8.0 * RATE)],
+    [slow(0.0, RATE), (0.5, RATE), slow(-0.5, RATE), slow(0.0, 2.0 * RATE), (0.5, 4.0 * RATE), slow(0.0, 8.0 * RATE)],
 )
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_what_is_left_is_the_noise_and_nothing_is_named(late: float, rate: float, seed: int) -> None:
