@@ -195,12 +195,12 @@ def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
     motion = moved(bins)
     if motion is None:
         return None
-    used, seen, bent = _sliding(bins, BOXES), bins.smooth(torque, BOXES), np.empty(len(angle))
+    used, seen = _sliding(bins, BOXES), bins.smooth(torque, BOXES)
     found: dict[tuple[float, float], Fit] = {}
 
     def tried(share: float, elastic: float) -> None:
-        whole = bend(angle, share, bent, elastic)[: len(bins.t) * bins.samples].reshape(-1, bins.samples).mean(axis=1)
-        if (fit := _balance(bins, motion, used, seen, 0, side=bins.smooth(whole, BOXES))) is not None:
+        bent = bend(angle, share, elastic)[: len(bins.t) * bins.samples].reshape(-1, bins.samples).mean(axis=1)
+        if (fit := _balance(bins, motion, used, seen, 0, side=bins.smooth(bent, BOXES))) is not None:
             found[share, elastic] = fit
 
     for elastic in (0.0, 1.0):

@@ -14,12 +14,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.effects.presliding import term as presliding
+from pmsm_ctrl.effects.presliding import effect as presliding
 from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.kernels import inlined, kernel
 from pmsm_ctrl.regression.filters import shifted
 
-__all__ = ["ROUNDED", "as_sampled", "bend", "bends", "reversals", "timed_sign"]
+__all__ = ["REACHES", "ROUNDED", "as_sampled", "bend", "reversals", "timed_sign"]
 
 Array = NDArray[np.float64]
 
@@ -36,24 +36,7 @@ CLOSE = 1e-8  # of the speed, and of the travel, by which the usual friction wou
 ROUNDS = 20  # of either search at most; four are usual
 
 
-def bends(angle: Array) -> Iterator[Array]:
-    """Yield the friction of springs that slide, as a share of its level: of some that reach over ever more travel.
-
-    Parameters
-    ----------
-    angle : array, shape (n,)
-
-    Yields
-    ------
-    array, shape (n,)
-        The same one, filled anew.
-    """
-    bent = np.empty(len(angle))
-    for share in REACHES.tolist():
-        yield bend(angle, share, bent)
-
-
-def bend(angle: Array, share: float, out: Array | None = None, elastic: float = 1.0) -> Array:
+def bend(angle: Array, share: float, elastic: float = 1.0) -> Array:
     """Return the friction of a spring that slides, as a share of its level, shape (n,).
 
     Parameters
@@ -61,30 +44,18 @@ def bend(angle: Array, share: float, out: Array | None = None, elastic: float = 
     angle : array, shape (n,)
     share : float
         Of the travel, over which it reaches.
-    out : array, shape (n,), optional
-        Filled, and returned.
     elastic : float
         Share of the level from which on it slides in part: 1 is a spring that slides as a whole.
     """
     from pmsm_ctrl.kernels.springs import slider
 
-    angle, reach = np.ascontiguousarray(angle), share * float(np.ptp(angle))
-    out = np.empty(len(angle)) if out is None else out
+    angle, reach, out = np.ascontiguousarray(angle), share * float(np.ptp(angle)), np.empty(len(angle))
     if elastic < 1.0:
-        _sliding_in_part(angle, reach, elastic, out)
-        return out
+        symbols = (p.symbol for p in presliding.parameters)  # deflection, elastic share, damping
+        values = dict(zip(symbols, (reach, elastic, 0.0), strict=True))
+        return presliding.structure.memory_along(presliding, values, np.zeros_like(angle), angle)[:, 0]
     slider(angle, reach, out)
-    out /= reach
-    return out
-
-
-@kernel
-def _sliding_in_part(angle: Array, reach: float, elastic: float, out: Array) -> None:
-    bent = 0.0
-    for n in range(angle.size):
-        if n > 0:
-            bent = presliding(bent, angle[n] - angle[n - 1], 0.0, 1.0, reach, elastic, 0.0)[0]
-        out[n] = bent
+    return out / reach
 
 
 def timed_sign(omega: Array) -> Array:

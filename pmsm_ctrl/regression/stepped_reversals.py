@@ -20,7 +20,7 @@ from pmsm_ctrl.regression.balances import STANDSTILL, Record
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.made import Made
-from pmsm_ctrl.regression.reversals import as_sampled, bends
+from pmsm_ctrl.regression.reversals import REACHES, as_sampled, bend
 
 __all__ = ["stepped_at_reversals"]
 
@@ -65,9 +65,10 @@ def stepped_at_reversals(design: Design, made: Made, record: Record, fit: Estima
     moment = min(tried, key=tried.__getitem__)
     if tried[moment] ** 2 - noise**2 > LOWERED * (followed**2 - noise**2):
         return record, fit
-    whole = round(moment)
-    if whole and tried[moment] > min(LOUD * noise, BENT * min(map(error.of, bends(record.signals["theta"])))):
-        return record, fit
+    if whole := round(moment):
+        bent = min(error.of(bend(record.signals["theta"], share)) for share in REACHES.tolist())
+        if tried[moment] > min(LOUD * noise, BENT * bent):
+            return record, fit
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     late = record.timing.late + whole / made.log.rate
     again = made.record(design, same, None, replace(record.timing, late=late, stepped=moment - whole))
