@@ -179,10 +179,9 @@ def _stationary(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
 def foreign_voltage(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
     """Say whether u_d and u_q are exchanged, or belong to no winding that turns like this."""
     d, q = evidence.voltages.get("d"), evidence.voltages.get("q")
-    p = evidence.design.motor.p
-    if d is None or q is None or p is None:
+    if d is None or q is None or evidence.design.motor.p is None:
         return ()
-    other = voltage_balances(evidence.bins, p, ("u_q", "u_d", "i_d", "i_q"))
+    other = voltage_balances(evidence.bins, evidence.design.motor, ("u_q", "u_d", "i_d", "i_q"))
     cross_d, cross_q = other.get("d"), other.get("q")
     if cross_d is None or cross_q is None:
         return ()

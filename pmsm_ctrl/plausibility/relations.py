@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.design_parts import Motor
 from pmsm_ctrl.plausibility.bins import Bins
 from pmsm_ctrl.plausibility.policy import POLICY
 from pmsm_ctrl.regression.reversals import REACHES, bend
@@ -31,6 +32,8 @@ LITTLE_REST = 0.05  # share of a window at rest that a reversal takes
 FEW = 0.25  # of the windows that move, below which all of them count
 FEWEST = 60  # rows of a regression
 STEADY = 0.25  # of a speed that a window four times as wide leaves at least
+RANK = 1e-8  # smallest eigenvalue over the largest one of a regression's products
+TOLD = 0.99  # share of a coefficient's direction that the log has to tell
 BIASED = 0.5  # share of what is left that may act along a column
 REFINED = 5  # times the grid of the springs is halved about the best one
 BOXES = 4  # bins of a window's boxes, 20 ms at 5 ms
@@ -110,7 +113,11 @@ def fitted(target: Array, columns: Mapping[str, Array], used: NDArray[np.bool_] 
     if not names or not power > 0.0:
         return None
     gram = a.T @ a / rows
-    inverse = np.linalg.pinv(gram, rcond=1e-8)
+    powers, directions = np.linalg.eigh(gram)
+    kept = powers > RANK * powers[-1]
+    told = directions[:, kept]
+    inverse = told / powers[kept] @ told.T
+    apart = np.sum(told**2, axis=1) > TOLD  # else only its sum with another coefficient is known
     values = inverse @ (a.T @ b) / rows
     rest = b - a @ values
     edges = np.linspace(0, rows, STRETCHES + 1).astype(int)
@@ -118,7 +125,8 @@ def fitted(target: Array, columns: Mapping[str, Array], used: NDArray[np.bool_] 
     cov = inverse @ (scores.T @ scores) @ inverse / rows**2
     scale = np.array([sizes[name] for name in names])
     own = values**2 / np.maximum(np.diag(inverse), 1e-300) * rows / power
-    return Fit(names, values / scale, np.sqrt(np.diag(cov)) / scale, float(rest @ rest) / power, own, power / rows)
+    stderr = np.where(apart, np.sqrt(np.diag(cov)) / scale, np.inf)
+    return Fit(names, values / scale, stderr, float(rest @ rest) / power, own, power / rows)
 
 
 def torque_of(design: Design, channels: Mapping[str, Array]) -> Array | None:
@@ -239,12 +247,14 @@ def _balance(
 
 
 def voltage_balances(
-    bins: Bins, p: float, names: Sequence[str] = ("u_d", "u_q", "i_d", "i_q")
+    bins: Bins, motor: Motor, names: Sequence[str] = ("u_d", "u_q", "i_d", "i_q")
 ) -> dict[str, Fit | None]:
     """Regress u_d and u_q on the winding; `names` are the channels that stand for them.
 
-    Most drives keep i_d at zero: that stands for one that is not logged.
+    Most drives keep i_d at zero: that stands for one that is not logged. A constant i_d adds to the flux linkage of the
+    magnet, and no log tells the two apart: the design's inductance says how much of it that is.
     """
+    assert motor.p is not None
     have = {"i_d": np.zeros_like(bins.t), **bins.channels}
     if any(name not in have for name in names):
         return {}
@@ -253,10 +263,14 @@ def voltage_balances(
         return {}
     omega, alpha = motion
     u_d, u_q, i_d, i_q = (bins.smooth(have[name], BOXES) for name in names)
-    w = p * omega
+    w = motor.p * omega
+    power = np.where(np.isfinite(w * i_d), w**2, 0.0)
+    usual = float(np.nansum(power * i_d)) / max(float(power.sum()), 1e-300)
+    share = 1.0 + usual * (motor.L_d or 0.0) / motor.psi_f if motor.psi_f else 1.0
     d = {"R": i_d, "X": -w * i_q, "L": np.gradient(i_d, bins.width), "tilt": w}
-    q = {"R": i_q, "psi_f": w, "X": w * i_d, "L": np.gradient(i_q, bins.width), "u_0": np.ones_like(w)}
-    q["late"] = p * alpha  # of a motion that is late or early the back-emf holds some acceleration, as i_q does
+    q = {"R": i_q, "psi_f": share * w, "X": w * (i_d - usual), "L": np.gradient(i_q, bins.width)}
+    q["u_0"] = np.ones_like(w)
+    q["late"] = motor.p * alpha  # of a motion that is late or early the back-emf holds some acceleration, as i_q does
     return {"d": fitted(u_d, d), "q": fitted(u_q, q)}
 
 
@@ -320,8 +334,7 @@ def evidence_of(design: Design, bins: Bins) -> Evidence:
         if lag:
             narrow = torque_balance(bins, torque, BOXES, lag)
         wide = torque_balance(bins, torque, WIDE, lag)
-    p = design.motor.p
-    voltages = voltage_balances(bins, p) if p is not None else {}
+    voltages = voltage_balances(bins, design.motor) if design.motor.p is not None else {}
     return Evidence(design, bins, torque, channel, narrow, wide, lag, voltages)
 
 
