@@ -91,8 +91,7 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
     if like is not None:
         return _alike(design, record, like)
     found = settled_model(design, record)
-    fit, held = weighted(found), physical_columns(found.model)
-    at = {k: float(found.model.nominal[k]) for k in held}
+    fit, at = weighted(found), _stated(design, found.model)
     beside = holding(fit, at)
     if _small_at_its_bound(found, fit, at, beside):
         at[found.model.names.index(LATENESS)] = 0.0
@@ -111,7 +110,7 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
         beside = holding(fit, {k: at.get(k, float(value)) for k, value in enumerate(fit.values)})
     if at_zero := _better_without(found.record, found.model, beside.predicted(), at):
         beside = holding(fit, at_zero)
-    free = [k for k in range(len(found.model.names)) if k not in held]
+    free = [k for k in range(len(found.model.names)) if k not in physical_columns(found.model)]
     stderr = np.nan_to_num(beside.stderr)
     nuisances = {found.model.names[k]: (float(beside.values[k]), float(stderr[k])) for k in free}
     return Prediction(found.record, beside.predicted(), nuisances, found.notes)
@@ -162,6 +161,15 @@ def _better_without(record: Record, model: Model, predicted: Array, at: Mapping[
     return dict(enumerate(values.tolist()))
 
 
+def _stated(design: Design, model: Model) -> dict[int, float]:
+    """Return the columns whose values the design states, and these values.
+
+    The model's nominal inertia is another one where noise hides the acceleration, and the log contradicts the design.
+    """
+    held, nominal = physical_columns(model), model.nominal.tolist()
+    return {k: design.J if model.names[k] == "J" else nominal[k] for k in held}
+
+
 def physical_columns(model: Model) -> tuple[int, ...]:
     """Return the columns whose values a design states; all others are nuisances of the record.
 
@@ -180,11 +188,9 @@ def _alike(design: Design, record: Record, like: Prediction) -> Prediction:
     predicted = record.target
     for _ in range(2):
         model, notes = assembled(design, record, ())
-        held = set(physical_columns(model))
+        stated = _stated(design, model)
         known = {name: value for name, (value, _) in like.nuisances.items()}
-        values = np.array(
-            [model.nominal[k] if k in held else known.get(name, 0.0) for k, name in enumerate(model.names)]
-        )
+        values = np.array([stated.get(k, known.get(name, 0.0)) for k, name in enumerate(model.names)])
         predicted = model.matrix @ values
         record = with_modelled_torque(record, predicted[0] - false_torque(model, values), delay_of(model, values))
     return Prediction(record, predicted, like.nuisances, notes)
