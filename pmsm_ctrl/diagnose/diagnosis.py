@@ -51,7 +51,7 @@ from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.together import standing, together
 from pmsm_ctrl.diagnose.unexplained import unexplained
 from pmsm_ctrl.diagnose.verdict import explains_most, explains_most_beside_noise
-from pmsm_ctrl.diagnose.written import as_written
+from pmsm_ctrl.diagnose.written import as_written, lowering
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import LogError, RequestError
@@ -214,9 +214,13 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
         for other in in_narrower_bands(case):
             again = _select(other, progress=lambda share: progress(0.9))
             if again.steps and _hidden_by_noise(again.steps[0], shown, selection.refused, case.policy):
-                return _answered(other, again, plan, progress)
+                named = _answered(other, again, plan, progress)
+                if named[1].steps:
+                    return named
         if small.steps:
-            return _answered(minor, small, plan, progress)
+            named = _answered(minor, small, plan, progress)
+            if named[1].steps:
+                return named
     return case, found
 
 
@@ -295,7 +299,7 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
     case.fits.clear()
     if selection.steps:
         case.bands.clear()  # nothing is looked for in a narrower band
-    selection = with_sampling_told(case, selection)
+    selection = lowering(case, with_sampling_told(case, selection))
     selection = finally_fitted(case, selection.with_last_candidates())
     structure = None
     if same or _explains_most(case, selection):

@@ -1,18 +1,48 @@
-"""Errors of the design that a diagnosis writes, evaluated as `compare` does, instead of those of its last fit."""
+"""Errors of the designs that a diagnosis finds, evaluated as `compare` does, instead of those of its fits."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.outcome import errors_table
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors
+from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.evaluated import as_compared, with_evaluation
 from pmsm_ctrl.regression.prediction import errors as errors_of
 from pmsm_ctrl.regression.prediction import predict
 from pmsm_ctrl.regression.worse_than_given import torque_error, worse_by_error
 
-__all__ = ["as_written"]
+__all__ = ["as_written", "lowering"]
+
+
+def lowering(case: Case, selection: Selection) -> Selection:
+    """Return the selection without its last effects as long as these do not lower the error that a user will see.
+
+    A fit weighs the samples, and has times of sampling of its own: what it gains by them is no gain of the design.
+
+    Parameters
+    ----------
+    case : Case
+    selection : Selection
+    """
+    if case.believed is None or not selection.steps:
+        return selection
+    left, kept = [error for _, error in _as_compared(case, selection)], len(selection.steps)
+    while kept and left[kept] > case.policy.unchanged * left[kept - 1]:
+        kept -= 1
+    if kept == len(selection.steps):
+        return selection
+    why = Refusal(Reason.BALANCE_WORSE, {"balance": "torque"})
+    refused = {**selection.refused, **{name_of(step.trial): why for step in selection.steps[kept:]}}
+    last = case.fit(selection.fits[kept].accepted)
+    return Selection((*selection.fits[:kept], last), selection.steps[:kept], refused)
 
 
 def as_written(case: Case, found: Diagnosis) -> Diagnosis:
@@ -33,10 +63,10 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
     found = replace(found, errors={**found.errors, "nominal": nominal})
     if found.design is case.as_given:
         return found
-    rms, relative = torque_error(found.design, as_compared(found.design, record, case.believed.log))
-    own = {"rms": rms, "unit": record.unit("torque"), "relative": relative}
-    final = {**found.errors["final"], "torque": own}
-    found = replace(found, errors={**found.errors, "final": final}, steps=_ending_at(found, final))
+    shown = [*_as_compared(case, found.selection, slice(-1)), _as_read(case, found.design)]
+    ladder = [{"rms": rms, "unit": record.unit("torque"), "relative": part} for rms, part in shown]
+    relative = shown[-1][1]
+    found = replace(found, errors=_evaluated(found.errors, ladder), steps=_between(found.steps, ladder))
     worse = worse_by_error(relative, nominal["torque"]["relative"])
     if worse is None:
         return replace(found, design=with_evaluation(found.design, record, case.believed.log))
@@ -44,6 +74,32 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
     return replace(found, design=case.as_given, improved=False, notices=tuple(warned))
 
 
-def _ending_at(found: Diagnosis, final: Errors) -> tuple[DiagnosisStep, ...]:
-    """Return the steps, the last of which ends at the final error."""
-    return (*found.steps[:-1], *(replace(step, error_after=final) for step in found.steps[-1:]))
+def _as_compared(case: Case, selection: Selection, which: slice = slice(None)) -> list[tuple[float, float]]:
+    """Return rms and relative error of the torque of the designs of these fits."""
+    return [_as_read(case, fitted_design(case.design, fit)) for fit in selection.fits[which]]
+
+
+def _as_read(case: Case, design: Design) -> tuple[float, float]:
+    assert case.believed is not None
+    return torque_error(design, as_compared(design, case.record, case.believed.log))
+
+
+def _evaluated(errors: Mapping[str, Errors], ladder: Sequence[Mapping[str, Any]]) -> dict[str, Errors]:
+    """Return errors with those of the torque of the first and the last design."""
+    return {
+        **errors,
+        "base": {**errors["base"], "torque": ladder[0]},
+        "final": {**errors["final"], "torque": ladder[-1]},
+    }
+
+
+def _between(steps: tuple[DiagnosisStep, ...], ladder: Sequence[Mapping[str, Any]]) -> tuple[DiagnosisStep, ...]:
+    """Return the steps with the errors of the torque around each."""
+    return tuple(
+        replace(
+            step,
+            error_before={**step.error_before, "torque": before},
+            error_after={**step.error_after, "torque": after},
+        )
+        for step, (before, after) in zip(steps, pairwise(ladder), strict=True)
+    )

@@ -246,9 +246,9 @@ def test_a_delay_fitted_by_the_noise_of_another_fit_is_that_fitted_by_its_own(de
 
 
 @pytest.mark.parametrize("reason", [Reason.MINOR, Reason.NOT_CONFIRMED])
-@pytest.mark.parametrize("passes", [True, False])
+@pytest.mark.parametrize(("passes", "stays"), [(True, True), (True, False), (False, False)])
 def test_minor_effects_are_selected_where_one_was_refused_as_minor(
-    monkeypatch: pytest.MonkeyPatch, reason: Reason, passes: bool
+    monkeypatch: pytest.MonkeyPatch, reason: Reason, passes: bool, stays: bool
 ) -> None:
     def select(case: Case, start: Any = (), progress: Any = None, taken: Any = None) -> Selection:
         steps: Any = ("a",) if case.minor_too and passes else ()
@@ -256,7 +256,8 @@ def test_minor_effects_are_selected_where_one_was_refused_as_minor(
         return Selection((fit,), steps, {"a": Refusal(reason)})
 
     def answered(case: Case, selection: Selection, plan: bool, progress: Any) -> Any:
-        return case, SimpleNamespace(verdict=Verdict.CONSISTENT, selection=selection)
+        steps = selection.steps if stays else ()
+        return case, SimpleNamespace(verdict=Verdict.CONSISTENT, selection=selection, steps=steps)
 
     fit: Any = SimpleNamespace()
     asked: list[bool] = []
@@ -268,7 +269,7 @@ def test_minor_effects_are_selected_where_one_was_refused_as_minor(
         monkeypatch.setattr(algorithm, name, made)
     case, found = searched(Case(None, None, {}), False, lambda share: None)  # type: ignore[arg-type]
     assert asked == ([False, True] if reason is Reason.MINOR else [False])
-    assert bool(found.selection.steps) == case.minor_too == (passes and reason is Reason.MINOR)
+    assert bool(found.steps) == case.minor_too == (passes and stays and reason is Reason.MINOR)
     assert [remark.code for remark in case.remarks] == (["minor_part"] if case.minor_too else [])
 
 
