@@ -24,7 +24,7 @@ from pmsm_ctrl.regression.conditioning import default_cutoff
 from pmsm_ctrl.regression.evaluated import without_stretches
 from pmsm_ctrl.regression.two_stage import beside_held
 
-__all__ = ["conditioned_in", "unlike_in_half", "without_events"]
+__all__ = ["conditioned_in", "left_of", "unlike_in_half", "without_events"]
 
 
 Array = NDArray[np.float64]
@@ -106,11 +106,27 @@ def _unlike_in(half: Case | None, case: Case, before: Fitted, after: Fitted, sur
 def _same(
     whole: Array, part: Array, stderr: Array, size: Array, policy: Policy, surely: bool, fixed: bool = True
 ) -> Refusal | None:
-    """Compare amounts in half the band with those in the band: those of other units count by the torque they make."""
+    """Compare amounts in half the band with those in the band."""
+    return criteria.same_in_half(*left_of(whole, part, stderr, size), policy, surely, fixed)
+
+
+def left_of(whole: Array, part: Array, stderr: Array, size: Array) -> tuple[float, float]:
+    """Return what is left of amounts, as one share, and its standard error.
+
+    Those of other units count by the torque they make.
+
+    Parameters
+    ----------
+    whole, part : array, shape (k,)
+        Amounts, and what they are elsewhere.
+    stderr : array, shape (k,)
+        Of the latter.
+    size : array, shape (k,)
+        Rms of the columns.
+    """
     weights = size**2 * whole
     scale = float(weights @ whole)
-    left, error = float(weights @ part) / scale, math.sqrt(float(weights**2 @ stderr**2)) / scale
-    return criteria.same_in_half(left, error, policy, surely, fixed)
+    return float(weights @ part) / scale, math.sqrt(float(weights**2 @ stderr**2)) / scale
 
 
 def _amounts(fit: Fitted, one: Accepted) -> tuple[Added, float]:

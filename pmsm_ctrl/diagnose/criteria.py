@@ -15,10 +15,31 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 
 __all__ = [
-    "CrossValidation", "Machine", "barely_confirmed", "beside_larger", "beside_ripple", "beside_rivals",
-    "beyond_sampling", "cross_validation", "determined", "error_lowered", "holdout", "inside_bounds",
-    "inside_tolerance", "left_inside", "no_balance_worse", "no_contradiction", "no_plain_error_worse",
-    "no_voltage_worse", "same_above", "same_in_half", "significance", "signs", "size", "size_of_shape",
+    "CrossValidation",
+    "Machine",
+    "barely_confirmed",
+    "beside_larger",
+    "beside_ripple",
+    "beside_rivals",
+    "beyond_sampling",
+    "cross_validation",
+    "determined",
+    "error_lowered",
+    "holdout",
+    "inside_bounds",
+    "inside_tolerance",
+    "left_inside",
+    "no_balance_worse",
+    "no_contradiction",
+    "no_plain_error_worse",
+    "no_voltage_worse",
+    "same_above",
+    "same_in_half",
+    "same_inside",
+    "significance",
+    "signs",
+    "size",
+    "size_of_shape",
 ]  # fmt: skip
 
 
@@ -234,6 +255,20 @@ def same_in_half(
     if surely:
         same = same and policy.stable < left - slack and left + slack < 1.0 / policy.stable
     return None if same else Refusal(Reason.OTHER_BAND, {"percent": 100.0 * left})
+
+
+def same_inside(left: float, stderr: float, policy: Policy = POLICY) -> Refusal | None:
+    """Check that an effect is surely there without what of the torque is faster than the band, and not surely another.
+
+    Parameters
+    ----------
+    left, stderr : float
+        Its amount by the modelled torque inside the band over that by the whole torque, and the standard error.
+    policy : Policy
+    """
+    slack = policy.sure_errors * stderr
+    same = left - slack > 0.0 and left + slack >= policy.stable
+    return None if same else Refusal(Reason.FAST_TORQUE, {"percent": 100.0 * left})
 
 
 def same_above(left: float, stderr: float, policy: Policy = POLICY) -> Refusal | None:

@@ -37,6 +37,7 @@ class Reason(StrEnum):
     WITHIN_SAMPLING = "within_sampling"
     OTHER_BAND = "other_band"
     OTHER_ABOVE = "other_above"
+    FAST_TORQUE = "fast_torque"
     HOLDOUT_WORSE = "holdout_worse"
     NOT_NEEDED = "not_needed"
     NOT_EXCITED = "not_excited"
@@ -82,6 +83,8 @@ WORDS: Mapping[Reason, str] = {
     "{high:.2g} ms are possible",
     Reason.OTHER_BAND: "rejected: of another size in half the band, {percent:.0f} % of that in the whole",
     Reason.OTHER_ABOVE: "rejected: of another size above the band, {percent:.0f} % of that in it",
+    Reason.FAST_TORQUE: "rejected: without the part of the measured torque that is faster than the band it would be of "
+    "another size, {percent:.0f} % of this",
     Reason.HOLDOUT_WORSE: "rejected: increases the error on the held-out record",
     Reason.NOT_NEEDED: "not needed by the final model",
     Reason.NOT_EXCITED: "not excited: only {percent:.0f} % of the motion is slow enough for order {order}; needs "

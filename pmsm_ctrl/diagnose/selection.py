@@ -10,6 +10,7 @@ from pmsm_ctrl.diagnose.above_band import unlike_above
 from pmsm_ctrl.diagnose.bands import unlike_in_half
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.fast_torque import of_fast_torque
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.judging import (
     Evidence,
@@ -208,7 +209,7 @@ def passes(
     minor_too = case.minor_too and not number
     largest, barely_too = selection.largest_beside(trial), not (number or minor_too or case.surely)
     judged = judge_trial(fit, trial, p_holm, case.policy, largest, minor_too, barely_too)
-    judged = judged if isinstance(judged, Refusal) else like_ripple(case, fit, trial) or judged
+    judged = judged if isinstance(judged, Refusal) else _look_alike(case, fit, trial) or judged
     if isinstance(judged, Refusal):
         return judged
     after = with_trial(case, fit, trial)
@@ -223,6 +224,11 @@ def passes(
     alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
     alike = (*alike, *nearly_in_model(fit, trial, case.policy))
     return Step(trial, judged, tuple(dict.fromkeys(alike))), after
+
+
+def _look_alike(case: Case, fit: Fitted, trial: Trial) -> Refusal | None:
+    """Return that something else makes the same columns: a ripple of the current, or edges that the log missed."""
+    return like_ripple(case, fit, trial) or of_fast_torque(fit, trial, case.policy)
 
 
 def with_p_values(fit: Fitted) -> Iterator[tuple[Trial, float]]:
@@ -283,7 +289,7 @@ def judged_trials(
         judged = judge_trial(fit, trial, p_holm, policy)
         refusal = judged if isinstance(judged, Refusal) else None
         if refusal is None and case is not None:
-            refusal = like_ripple(case, fit, trial)
+            refusal = _look_alike(case, fit, trial)
         out.append((trial, p_holm, refusal))
     return out
 
@@ -317,7 +323,7 @@ def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Re
     if isinstance(judged, Refusal) and judged.reason is Reason.MINOR and first:
         minor_too, small = True, judge_trial(before, trial, p_holm, case.policy, minor_too=True)
         judged = judged if isinstance(small, Refusal) else small
-    judged = judged if isinstance(judged, Refusal) else like_ripple(case, before, trial) or judged
+    judged = judged if isinstance(judged, Refusal) else _look_alike(case, before, trial) or judged
     if isinstance(judged, Refusal):
         return judged
     refusal = judge_refit(before, after, trial, case.policy) or judge_holdout(case, before, after)

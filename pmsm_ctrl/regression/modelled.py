@@ -11,7 +11,7 @@ from pmsm_ctrl.regression.balances import ALWAYS, Record
 from pmsm_ctrl.regression.currents import add_slopes
 from pmsm_ctrl.regression.filters import shifted
 
-__all__ = ["in_time", "with_direction", "with_modelled_torque"]
+__all__ = ["in_time", "inside_band", "with_direction", "with_modelled_torque"]
 
 Array = NDArray[np.float64]
 
@@ -43,6 +43,20 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
         signals["i_q_wide"] = signals["i_q"] + _beyond_band(record, "i_q_meas", late)
     add_slopes(signals, record.prepared, record.signals)
     return replace(record, signals=signals, late=late, memo={})
+
+
+def inside_band(record: Record) -> Record:
+    """Return a copy whose terms read nothing of the measured torque and current, and no noise of theirs.
+
+    Parameters
+    ----------
+    record : Record
+        With modelled torque in its signals.
+    """
+    signals, still = dict(record.signals), np.zeros(len(record.prepared.t))
+    for name in ("torque", "i_q"):
+        signals |= {f"{name}_whole": signals[name], f"{name}_noise": still}
+    return replace(record, signals=signals, memo={}, kept={})
 
 
 def in_time(record: Record, late: float) -> Array:
