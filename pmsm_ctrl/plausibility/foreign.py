@@ -11,6 +11,7 @@ from pmsm_ctrl.plausibility.bins import summed
 from pmsm_ctrl.plausibility.policy import POLICY
 from pmsm_ctrl.plausibility.relations import (
     BOXES,
+    WIDE,
     Evidence,
     Fit,
     bristle_balance,
@@ -18,6 +19,7 @@ from pmsm_ctrl.plausibility.relations import (
     moved,
     torque_balance,
     voltage_balances,
+    weight_balance,
 )  # fmt: skip
 from pmsm_ctrl.regression.measurement_correction import known_delay
 from pmsm_ctrl.section import Notice
@@ -130,6 +132,8 @@ def foreign_current(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
         return swapped
     if narrow.left < POLICY.unexplained or not (_absent(evidence, narrow, 3.0) and _absent(evidence, wide, 2.0)):
         return ()
+    if _lifts(evidence, log):
+        return ()
     if found := _stationary(evidence, log):
         return found
     share = 100.0 * max(0.0, min(narrow.value("J"), wide.value("J")) / evidence.design.J)
@@ -144,6 +148,16 @@ def _absent(evidence: Evidence, fit: Fit, surely: float) -> bool:
     J, stderr = float(fit.values[k]), float(fit.stderr[k])
     share = evidence.design.J**2 * (fit.own[k] / J**2 if J else 0.0)
     return J + surely * stderr < evidence.design.J and share > POLICY.expected
+
+
+def _lifts(evidence: Evidence, log: Log) -> bool:
+    """Whether the weight of an arm stands between the torque and the motion: beside it the torque drives the axis."""
+    if evidence.torque is None or log.motion != "rotary" or "theta" not in log:
+        return False
+    fits = (
+        weight_balance(evidence.bins, evidence.torque, log["theta"], boxes, evidence.lag) for boxes in (BOXES, WIDE)
+    )
+    return any(fit is not None and fit.left < POLICY.unexplained and fit.value("J") > 0.0 for fit in fits)
 
 
 def _swapped_currents(evidence: Evidence) -> tuple[Notice, ...]:

@@ -20,8 +20,8 @@ from pmsm_ctrl.plausibility.policy import POLICY
 from pmsm_ctrl.regression.reversals import REACHES, bend
 
 __all__ = [
-    "BOXES", "Evidence", "Fit", "Ratio", "bristle_balance", "evidence_of", "fitted", "moved", "torque_balance",
-    "voltage_balances",
+    "BOXES", "WIDE", "Evidence", "Fit", "Ratio", "bristle_balance", "evidence_of", "fitted", "moved", "torque_balance",
+    "voltage_balances", "weight_balance",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -171,6 +171,30 @@ def torque_balance(bins: Bins, torque: Array, boxes: int = BOXES, lag: int = 0) 
     return None if motion is None else _balance(bins, motion, _sliding(bins, boxes), bins.smooth(torque, boxes), lag)
 
 
+def weight_balance(bins: Bins, torque: Array, angle: Array, boxes: int, lag: int) -> Fit | None:
+    """Regress the torque on the weight of an arm as well.
+
+    Parameters
+    ----------
+    bins : Bins
+    torque : array, shape (m,)
+    angle : array, shape (n,)
+        Of the log that the bins were made of, rad.
+    boxes, lag : int
+    """
+    motion = moved(bins, boxes)
+    if motion is None:
+        return None
+    waves = {"sin": np.sin(angle), "cos": np.cos(angle)}
+    beside = {name: bins.smooth(_means(bins, wave), boxes) for name, wave in waves.items()}
+    return _balance(bins, motion, _sliding(bins, boxes), bins.smooth(torque, boxes), lag, beside=beside)
+
+
+def _means(bins: Bins, values: Array) -> Array:
+    """Return the means over the bins of what has as many samples as their log."""
+    return np.asarray(values[: len(bins.t) * bins.samples].reshape(-1, bins.samples).mean(axis=1))
+
+
 def _sliding(bins: Bins, boxes: int) -> NDArray[np.bool_]:
     """Return the windows in which the axis moves from end to end, shape (m,).
 
@@ -207,8 +231,8 @@ def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
     found: dict[tuple[float, float], Fit] = {}
 
     def tried(share: float, elastic: float) -> None:
-        bent = bend(angle, share, elastic)[: len(bins.t) * bins.samples].reshape(-1, bins.samples).mean(axis=1)
-        if (fit := _balance(bins, motion, used, seen, 0, side=bins.smooth(bent, BOXES))) is not None:
+        side = bins.smooth(_means(bins, bend(angle, share, elastic)), BOXES)
+        if (fit := _balance(bins, motion, used, seen, 0, side=side)) is not None:
             found[share, elastic] = fit
 
     for elastic in (0.0, 1.0):
@@ -228,7 +252,7 @@ def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
 
 def _balance(
     bins: Bins, motion: tuple[Array, Array], used: NDArray[np.bool_], torque: Array, lag: int, step: int = 1,
-    side: Array | None = None,
+    side: Array | None = None, beside: Mapping[str, Array] | None = None,
 ) -> Fit | None:  # fmt: skip
     """Regress a torque in windows, taken `lag` bins later; every `step`-th of the used windows takes part.
 
@@ -238,7 +262,7 @@ def _balance(
     y = np.roll(torque, -lag)
     if lag:
         y[: max(0, -lag)] = y[len(y) - max(0, lag) :] = np.nan
-    columns = {"J": alpha, "F_v": omega, "constant": np.ones_like(y)}
+    columns = {"J": alpha, "F_v": omega, "constant": np.ones_like(y), **(beside or {})}
     if side is None:
         columns |= {"F_c": np.sign(np.where(used, omega, 0.0)), "late": np.gradient(y, bins.width)}
     else:

@@ -103,6 +103,8 @@ MUTATIONS = (
              "unit/regression/test_slow_inertia.py -k comparison"),
     Mutation("plausibility: a constant i_d is no part of the flux linkage", "plausibility/relations.py",
              "1.0 + usual * (motor.L_d or 0.0) / motor.psi_f", "1.0", "unit/plausibility/test_constant_current.py"),
+    Mutation("plausibility: the weight of an arm makes its torque a foreign one", "plausibility/foreign.py",
+             "    if _lifts(evidence, log):\n", "    if False:\n", "unit/plausibility/test_weight.py"),
     Mutation("Holm: every rank pays for one test less", "evidence/tests.py",
              "(len(p_values) - rank)", "(len(p_values) - rank - 1)", "unit/evidence/test_tests.py"),
     Mutation("Holm: a later p-value may fall below an earlier one", "evidence/tests.py",
