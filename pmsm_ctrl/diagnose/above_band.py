@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.refusal import Refusal
+from pmsm_ctrl.diagnose.same_size import same_above
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.drive_timing import LATENESS
@@ -44,7 +44,7 @@ def unlike_above(case: Case, after: Fitted) -> Refusal | None:
     """
     log = case.believed.log if case.believed is not None else None
     found = _amount(log, after) if log is not None and after.accepted else None
-    return None if found is None else criteria.same_above(*found, case.policy)
+    return None if found is None else same_above(*found, case.policy)
 
 
 def _amount(log: Log, after: Fitted) -> tuple[float, float] | None:

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.event import Event
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
+from pmsm_ctrl.diagnose.same_size import same_in_half
 from pmsm_ctrl.diagnose.search import beyond
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.linalg import Added
@@ -107,7 +107,7 @@ def _same(
     whole: Array, part: Array, stderr: Array, size: Array, policy: Policy, surely: bool, fixed: bool = True
 ) -> Refusal | None:
     """Compare amounts in half the band with those in the band."""
-    return criteria.same_in_half(*left_of(whole, part, stderr, size), policy, surely, fixed)
+    return same_in_half(*left_of(whole, part, stderr, size), policy, surely, fixed)
 
 
 def left_of(whole: Array, part: Array, stderr: Array, size: Array) -> tuple[float, float]:

@@ -213,14 +213,11 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     if shown and found.verdict in NOTHING_NAMED and explains_most(found.selection.fit, case.policy):
         for other in in_narrower_bands(case):
             again = _select(other, progress=lambda share: progress(0.9))
-            if again.steps and _hidden_by_noise(again.steps[0], shown, selection.refused, case.policy):
-                named = _answered(other, again, plan, progress)
-                if named[1].steps:
-                    return named
-        if small.steps:
-            named = _answered(minor, small, plan, progress)
-            if named[1].steps:
+            hidden = again.steps and _hidden_by_noise(again.steps[0], shown, selection.refused, case.policy)
+            if hidden and (named := _answered(other, again, plan, progress))[1].steps:
                 return named
+        if small.steps and (named := _answered(minor, small, plan, progress))[1].steps:
+            return named
     return case, found
 
 

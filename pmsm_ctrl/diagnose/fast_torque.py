@@ -7,11 +7,11 @@ that is made of it explains them: the error is on both sides (W. A. Fuller, Meas
 
 from __future__ import annotations
 
-from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.bands import left_of
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Refusal
+from pmsm_ctrl.diagnose.same_size import same_inside
 from pmsm_ctrl.diagnose.search import Trial, beyond
 from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.regression.modelled import inside_band
@@ -40,4 +40,4 @@ def of_fast_torque(fit: Fitted, trial: Trial, policy: Policy = POLICY) -> Refusa
     whole, part = found
     if min(whole.rank, part.rank) < len(whole.size):
         return None
-    return criteria.same_inside(*left_of(whole.values, part.values, part.stderr, whole.size), policy)
+    return same_inside(*left_of(whole.values, part.values, part.stderr, whole.size), policy)

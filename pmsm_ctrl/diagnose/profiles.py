@@ -20,7 +20,16 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.bouncing import of_bouncing_load
 from pmsm_ctrl.diagnose.fit import BASE, Fitted
 from pmsm_ctrl.diagnose.shape_grid import over_all_shapes
-from pmsm_ctrl.diagnose.shapes import LONGEST, Free, moved_to, searched, shifted, straight_over, tangent_of
+from pmsm_ctrl.diagnose.shapes import (
+    LONGEST,
+    Free,
+    moved_to,
+    searched,
+    shifted,
+    straight_over,
+    tangent_of,
+    with_shapes_fitted,
+)
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.bounds import bounded, column_bounds, holding
 from pmsm_ctrl.regression.columns import UnavailableError
@@ -37,6 +46,7 @@ KNOWN_WELL = 1.5
 PARABOLA = 0.1  # part of the half-width by which a profile may differ from a parabola's
 ROUNDS, HALVINGS, SETTLED = 6, 3, 1e-3  # of the other shapes beside what is held
 TRIALS, CLOSE, FURTHEST, FASTEST = 12, 0.02, 6.0, 3.0  # of the search for an end, in half-widths
+LOWER, RESTARTS = 0.1, 4  # fall of the sum of squares that is worth another fit; of such fits
 SMALL, ALIKE = 1e-4, 1e-9  # step for a slope; what is rounding
 
 
@@ -67,8 +77,18 @@ class _Parameter:
         return {} if self.number == BASE else fit.accepted[self.number].shape
 
 
-def with_profiles(design: Design, fit: Fitted, log: Log | None = None) -> Fitted:
+class _LowerError(Exception):
+    """A walk has come to a lower sum of squares: the fit was in a valley of its own."""
+
+    def __init__(self, fit: Fitted) -> None:
+        super().__init__()
+        self.fit = fit
+
+
+def with_profiles(design: Design, fit: Fitted, log: Log | None = None, restarts: int = RESTARTS) -> Fitted:
     """Return the fit with the intervals of those parameters of its effects whose profile is no parabola.
+
+    Where a profile comes to a lower sum of squares, the shapes are fitted again from there.
 
     Parameters
     ----------
@@ -77,8 +97,17 @@ def with_profiles(design: Design, fit: Fitted, log: Log | None = None) -> Fitted
         With its shapes fitted.
     log : Log, optional
         What was fitted, before any filter: loads behind gaps are followed along it, for seconds.
+    restarts : int
+        At most.
     """
-    walks = _Walks.over(design, fit)
+    try:
+        return _with_profiles(design, fit, log, surely_least=restarts == 0)
+    except _LowerError as found:
+        return with_profiles(design, with_shapes_fitted(design, found.fit), log, restarts - 1)
+
+
+def _with_profiles(design: Design, fit: Fitted, log: Log | None, surely_least: bool) -> Fitted:
+    walks = _Walks.over(design, fit, surely_least)
     if not walks.doubtful and not fit.rough:
         return fit
     try:  # what is straight over the shapes is straight over all
@@ -105,7 +134,7 @@ class _Walks:
 
     `covariance` and `white`, the inverse factor of white noise, are over the fit's values and its `free` shapes.
     `shapes` are all that give way beside what is held: those at a bound as well, which may leave it. `doubtful` are
-    the effects with a shape that is at a bound or not known well.
+    the effects with a shape that is at a bound or not known well. `surely_least`: no lower sum is looked at.
     """
 
     fit: Fitted
@@ -113,6 +142,7 @@ class _Walks:
     white: Array
     shapes: tuple[Free, ...]
     doubtful: tuple[int, ...]
+    surely_least: bool
 
     @property
     def at_bound(self) -> set[Free]:
@@ -120,7 +150,7 @@ class _Walks:
         return set(self.shapes) - set(self.fit.free)
 
     @classmethod
-    def over(cls, design: Design, fit: Fitted) -> _Walks:
+    def over(cls, design: Design, fit: Fitted, surely_least: bool) -> _Walks:
         """Return what of a fit with its shapes fitted can be walked along."""
         count = len(fit.model.names)
         moving = ((n, s) for n, one in enumerate(fit.accepted) if n not in fit.rough for s in searched(one))
@@ -133,7 +163,7 @@ class _Walks:
         white = fit.plain.inverse
         if (doubtful or fit.rough) and fit.free:
             white = tangent_of(design, fit, fit.free).inverse
-        return cls(fit, covariance, white, shapes, doubtful)
+        return cls(fit, covariance, white, shapes, doubtful, surely_least)
 
     def scale_of(self, number: int) -> float:
         """The variance of an effect's first column over what it would be in white noise; one without a column."""
@@ -293,6 +323,12 @@ def _least(design: Design, walks: _Walks, one: _Parameter, step: float) -> float
         gained, best = best.estimate.chi2 - better.estimate.chi2, better
         if gained < SETTLED * one.scale:
             break
+    most = fit.estimate.chi2 - LOWER * one.scale
+    if not walks.surely_least and best.estimate.chi2 < most:
+        there = moved_to(design, fit, best.accepted)
+        there = replace(there, estimate=bounded(there.plain))
+        if there.estimate.chi2 < most:  # inside all bounds
+            raise _LowerError(there)
     return best.estimate.chi2
 
 

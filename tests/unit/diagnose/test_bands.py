@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, simulate
-from pmsm_ctrl.diagnose import criteria, diagnose
+from pmsm_ctrl.diagnose import above_band, diagnose
 from pmsm_ctrl.diagnose.bands import conditioned_in
 from pmsm_ctrl.diagnose.diagnosis import _hidden_by_noise, condition, in_narrower_bands
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
+from pmsm_ctrl.diagnose.same_size import same_above, same_in_half
 from pmsm_ctrl.log import Log
 from tests.benchmarks.worlds.hidden import simulate_world
 from tests.benchmarks.worlds.world import draw
@@ -63,7 +64,7 @@ def test_a_band_that_was_asked_for_is_kept(seed_motor: Design, band: float) -> N
 def test_an_effect_of_less_than_half_its_size_is_another_one_where_that_is_sure(
     left: float, stderr: float, same: bool
 ) -> None:
-    found = criteria.same_in_half(left, stderr)
+    found = same_in_half(left, stderr)
     assert (found is None) == same
     if found is not None:
         assert found.reason is Reason.OTHER_BAND
@@ -77,7 +78,7 @@ def test_an_effect_of_less_than_half_its_size_is_another_one_where_that_is_sure(
 def test_an_effect_of_surely_half_as_much_again_is_another_one_unless_it_is_a_spring(
     left: float, stderr: float, fixed: bool, same: bool
 ) -> None:
-    found = criteria.same_in_half(left, stderr, fixed=fixed)
+    found = same_in_half(left, stderr, fixed=fixed)
     assert (None if found is None else found.reason) == (None if same else Reason.OTHER_BAND)
 
 
@@ -86,7 +87,7 @@ def test_an_effect_of_surely_half_as_much_again_is_another_one_unless_it_is_a_sp
     [(1.0, 0.1, True), (0.6, 0.03, True), (0.6, 0.04, False), (1.7, 0.09, True), (1.7, 0.11, False), (1.0, 0.2, False)],
 )
 def test_a_minor_effect_is_named_where_it_is_surely_the_same(left: float, stderr: float, same: bool) -> None:
-    found = criteria.same_in_half(left, stderr, surely=True)
+    found = same_in_half(left, stderr, surely=True)
     assert (found is None) == same
 
 
@@ -98,7 +99,7 @@ def test_a_minor_effect_is_named_where_it_is_surely_the_same(left: float, stderr
     ],
 )  # fmt: skip
 def test_a_wave_that_is_surely_another_one_above_the_band_is_none(left: float, stderr: float, same: bool) -> None:
-    found = criteria.same_above(left, stderr)
+    found = same_above(left, stderr)
     assert (found is None) == same
     if found is not None:
         assert str(found) == f"rejected: of another size above the band, {100.0 * left:.0f} % of that in it"
@@ -117,8 +118,8 @@ def test_a_line_of_the_encoder_is_no_wave_above_the_band(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, slow(2), slow(3)])
 def test_a_wave_of_the_torque_is_as_large_above_the_band(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    judge = criteria.same_above
-    monkeypatch.setattr(criteria, "same_above", lambda *a: seen.append(a) or judge(*a))
+    judge = same_above
+    monkeypatch.setattr(above_band, "same_above", lambda *a: seen.append(a) or judge(*a))
     found = diagnose(DRIVEN, driven(seed, 0.1, 30, top=24.0), candidates=["cogging"], plan=False)
     assert [step.parameters["order"].value for step in found.steps] == [30.0]
     ((size, stderr, _),) = seen

@@ -14,7 +14,7 @@ from pmsm_ctrl.identify import evaluate_sweep, identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS
-from pmsm_ctrl.regression.timed_record import timed_record
+from pmsm_ctrl.regression.evaluated import record_as_evaluated
 from pmsm_ctrl.regression.worse_than_given import torque_error
 from tests.effort import seeds
 
@@ -45,7 +45,7 @@ def error(model: Design, log: Log) -> float:
 
 def of_torque(model: Design, log: Log) -> float:
     """Return the same without the simulations of a comparison."""
-    return torque_error(model, timed_record(model, log))[1]
+    return torque_error(model, record_as_evaluated(model, log))[1]
 
 
 # ---- what is written is the optimum inside the bounds -----------------------------------------------------------

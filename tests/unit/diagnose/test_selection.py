@@ -95,6 +95,7 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
             return Refusal(found) if found else None
 
         monkeypatch.setattr(rounds, "judge_trial", judge)
+        monkeypatch.setattr(rounds, "of_fast_torque", lambda fit, one, policy: given.get("fast", {}).get(name_of(one)))
         monkeypatch.setattr(rounds, "like_ripple", lambda case, fit, one: given.get("ripple", {}).get(name_of(one)))
         monkeypatch.setattr(rounds, "judge_refit", refit)
         monkeypatch.setattr(rounds, "judge_holdout", lambda *a: None)
@@ -128,6 +129,12 @@ def test_what_a_ripple_of_the_current_explains_is_refused_before_the_refit(round
     found = round_of(["a", "b"], {}, {"a": Reason.BALANCE_WORSE}, ripple={"a": Refusal(Reason.LIKE_RIPPLE)})
     assert found.fit.accepted == ("b",)
     assert found.refused["a"].reason is Reason.LIKE_RIPPLE
+
+
+def test_an_effect_that_the_fast_torque_alone_makes_is_refused_before_the_refit(round_of: Any) -> None:
+    found = round_of(["a", "b"], {}, {"a": Reason.BALANCE_WORSE}, fast={"a": Refusal(Reason.FAST_TORQUE)})
+    assert found.fit.accepted == ("b",)
+    assert found.refused["a"].reason is Reason.FAST_TORQUE
 
 
 def test_an_effect_whose_size_is_not_determined_is_refused(round_of: Any) -> None:
