@@ -108,6 +108,8 @@ MUTATIONS = (
     Mutation("fast torque: it may make an effect alone", "diagnose/selection.py",
              "like_ripple(case, fit, trial) or of_fast_torque(", "like_ripple(case, fit, trial) and of_fast_torque(",
              "unit/diagnose/test_selection.py"),
+    Mutation("intervals: a lower sum of squares on the way is passed by", "diagnose/profiles.py",
+             "if there.estimate.chi2 < most:", "if False:", "unit/diagnose/test_bounds.py -k optimum_inside"),
     Mutation("Holm: every rank pays for one test less", "evidence/tests.py",
              "(len(p_values) - rank)", "(len(p_values) - rank - 1)", "unit/evidence/test_tests.py"),
     Mutation("Holm: a later p-value may fall below an earlier one", "evidence/tests.py",

@@ -64,7 +64,8 @@ def test_an_effect_is_added_at_the_optimum_inside_the_bounds(seed: int) -> None:
     assert at_zero
     assert all(symbol not in entries[name].stderr for name, symbol in at_zero)
     assert error(written, log) == pytest.approx(of_torque(written, log), rel=1e-6)
-    assert error(written, log) < 0.05, "36 % with F_v set to zero and the others left where they were"
+    # 36 % with F_v set to zero and the others left where they were, 2.6 % with a shape in a valley of its own
+    assert error(written, log) < 0.025
     # no small move of what is free lowers the error
     for name, symbol in (("viscous_power", "k"), ("coulomb", "F_c")):
         value = entries[name].parameters[symbol]
