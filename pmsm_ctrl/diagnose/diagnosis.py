@@ -10,12 +10,13 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 - `swap`: effects that another one can replace
 - `bands`: the same log in a narrower band, where nothing is named and where a name is checked
 - `above_band`: a wave of a turn where it is too fast for the band
+- `fast_torque`: an effect that the torque beyond the band alone makes
 - `final_fit`, `shapes`: nonlinear parameters, fitted together with all others
 - `unexplained`: structure of the residual that no effect explains
 - `experiment`: the motion that separates what this log cannot
 - `outcome`: parameters, errors, ranking and verdict, as a `result`
 - `resonance`: a start from a frequency response, and whether the two agree
-- `written`: whether the fitted design is better than the given one, and what `compare` will say of it
+- `written`: whether each effect lowers the error that `compare` will give, and the design is better than the given one
 """
 
 from __future__ import annotations
