@@ -8,6 +8,7 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import examine
+from tests.effort import seeds
 
 J, F_C, F_V = 2e-4, 0.01, 1e-4
 DESIGN = Design.from_dict({
@@ -32,13 +33,13 @@ def thrown(seed: int, weight: float) -> Log:
     return Log({"t": period * np.arange(len(drive)), "theta": theta, "torque": torque})
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_the_torque_is_not_that_of_another_axis(seed: int) -> None:
     log = thrown(seed, weight=0.2)
     assert not examine(DESIGN, log).contradictions
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize("seed", seeds(2, 3, 4))
 def test_that_of_another_axis_is_still_told(seed: int) -> None:
     log = thrown(seed, weight=0.2).with_channels(torque=thrown(seed + 10, weight=0.2)["torque"])
     assert [one.code for one in examine(DESIGN, log).contradictions] == ["unrelated_torque"]

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from pmsm_ctrl import Design, Log, compare, diagnose, identify
+from pmsm_ctrl import Design, Log, diagnose, identify
+from pmsm_ctrl.regression.timed_record import timed_record
+from pmsm_ctrl.regression.worse_than_given import torque_error
 
 J, F_c, F_v = 1.8e-4, 0.0136, 2.1e-4
 COUNTS = 4096
@@ -46,5 +48,6 @@ def test_an_inertia_within_its_tolerance_is_not_replaced() -> None:
 def test_a_comparison_is_with_the_inertia_of_the_design(stated: float) -> None:
     t = np.linspace(0.0, 12.0, 12_001)
     missing = (stated - 1.0) * J * sum(2.0 * np.pi * f * a * np.sin(2.0 * np.pi * f * t + at) for a, f, at in WAVES)
-    error = compare(*servo(stated * J)).log.errors["torque"].rms
+    design, log = servo(stated * J)
+    error, _ = torque_error(design, timed_record(design, log))  # as `compare` gives it
     assert error == pytest.approx(float(np.std(missing)), rel=0.25)  # timing takes a part of it
