@@ -10,7 +10,7 @@ from typing import Any
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
-from pmsm_ctrl.diagnose.outcome import errors_table
+from pmsm_ctrl.diagnose.outcome import errors_table, noise_floor
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors
 from pmsm_ctrl.diagnose.selection import Selection, name_of
@@ -26,6 +26,7 @@ def lowering(case: Case, selection: Selection) -> Selection:
     """Return the selection without its last effects as long as these do not lower the error that a user will see.
 
     A fit weighs the samples, and has times of sampling of its own: what it gains by them is no gain of the design.
+    Where most of what is left is noise, they decide which of two designs leaves less of it, and nothing is told.
 
     Parameters
     ----------
@@ -34,8 +35,9 @@ def lowering(case: Case, selection: Selection) -> Selection:
     """
     if case.believed is None or not selection.steps:
         return selection
-    left, kept = [error for _, error in _as_compared(case, selection)], len(selection.steps)
-    while kept and left[kept] > case.policy.unchanged * left[kept - 1]:
+    left, kept = [rms for rms, _ in _as_compared(case, selection)], len(selection.steps)
+    noise = noise_floor(case.record, selection.fit)["torque"]["rms"] / (1.0 - case.policy.explained_torque) ** 0.5
+    while kept and left[kept] > max(case.policy.unchanged * left[kept - 1], noise):
         kept -= 1
     if kept == len(selection.steps):
         return selection

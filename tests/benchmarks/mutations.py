@@ -96,7 +96,7 @@ MUTATIONS = (
     Mutation("minor effects: never looked for", "diagnose/diagnosis.py",
              "if shown and any(", "if not shown and any(", "unit/diagnose/test_selection.py"),
     Mutation("written: an effect may raise the error of its design", "diagnose/written.py",
-             "left[kept] > case.policy.unchanged * left[kept - 1]", "left[kept] > 1e3 * left[kept - 1]",
+             "max(case.policy.unchanged * left[kept - 1], noise)", "1e3",
              "unit/diagnose/test_lowering.py"),
     Mutation("prediction: the inertia is that of the log", "regression/prediction.py",
              'design.J if model.names[k] == "J" else nominal[k]', "nominal[k]",
