@@ -47,6 +47,10 @@ class Bins:
     samples: int
     motions: dict[int, tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
 
+    def means(self, values: Array) -> Array:
+        """Return the means over the bins, shape (m,), of what has as many samples as their log."""
+        return np.asarray(values[: len(self.t) * self.samples].reshape(-1, self.samples).mean(axis=1))
+
     def smooth(self, values: Array, boxes: int) -> Array:
         """Return values averaged over three boxes of so many bins, shape (m,); NaN at the ends and across gaps."""
         return self._marked(summed(summed(summed(values, boxes), boxes), boxes) / boxes**3, boxes)

@@ -180,12 +180,9 @@ def _stationary(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
     c, s = np.cos(angle), np.sin(angle)
     a, b = log["i_d"], log["i_q"]
     parts = [c * a + s * b, c * b - s * a]
-    k = evidence.bins.samples
-    m = len(log) // k
     best = 1.0
     for part in parts:  # the angle may count from another axis: either part, or both, can be the torque's
-        values = part[: m * k].reshape(m, k).mean(axis=1)
-        fit = torque_balance(evidence.bins, evidence.design.K_t_assumed * values)
+        fit = torque_balance(evidence.bins, evidence.design.K_t_assumed * evidence.bins.means(part))
         best = min(best, fit.left) if fit is not None else best
     return (say.STATIONARY_CURRENTS(),) if best < POLICY.swap else ()
 

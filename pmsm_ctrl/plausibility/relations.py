@@ -186,13 +186,8 @@ def weight_balance(bins: Bins, torque: Array, angle: Array, boxes: int, lag: int
     if motion is None:
         return None
     waves = {"sin": np.sin(angle), "cos": np.cos(angle)}
-    beside = {name: bins.smooth(_means(bins, wave), boxes) for name, wave in waves.items()}
+    beside = {name: bins.smooth(bins.means(wave), boxes) for name, wave in waves.items()}
     return _balance(bins, motion, _sliding(bins, boxes), bins.smooth(torque, boxes), lag, beside=beside)
-
-
-def _means(bins: Bins, values: Array) -> Array:
-    """Return the means over the bins of what has as many samples as their log."""
-    return np.asarray(values[: len(bins.t) * bins.samples].reshape(-1, bins.samples).mean(axis=1))
 
 
 def _sliding(bins: Bins, boxes: int) -> NDArray[np.bool_]:
@@ -231,7 +226,7 @@ def bristle_balance(bins: Bins, torque: Array, angle: Array) -> Fit | None:
     found: dict[tuple[float, float], Fit] = {}
 
     def tried(share: float, elastic: float) -> None:
-        side = bins.smooth(_means(bins, bend(angle, share, elastic)), BOXES)
+        side = bins.smooth(bins.means(bend(angle, share, elastic)), BOXES)
         if (fit := _balance(bins, motion, used, seen, 0, side=side)) is not None:
             found[share, elastic] = fit
 

@@ -110,7 +110,8 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
         beside = holding(fit, {k: at.get(k, float(value)) for k, value in enumerate(fit.values)})
     if at_zero := _better_without(found.record, found.model, beside.predicted(), at):
         beside = holding(fit, at_zero)
-    free = [k for k in range(len(found.model.names)) if k not in physical_columns(found.model)]
+    held = physical_columns(found.model)
+    free = [k for k in range(len(found.model.names)) if k not in held]
     stderr = np.nan_to_num(beside.stderr)
     nuisances = {found.model.names[k]: (float(beside.values[k]), float(stderr[k])) for k in free}
     return Prediction(found.record, beside.predicted(), nuisances, found.notes)
