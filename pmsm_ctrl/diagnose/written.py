@@ -10,14 +10,14 @@ from typing import Any
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
-from pmsm_ctrl.diagnose.outcome import errors_table, noise_floor
+from pmsm_ctrl.diagnose.outcome import errors_table
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.evaluated import as_compared, with_evaluation
 from pmsm_ctrl.regression.prediction import errors as errors_of
 from pmsm_ctrl.regression.prediction import predict
-from pmsm_ctrl.regression.worse_than_given import torque_error, worse_by_error
+from pmsm_ctrl.regression.worse_than_given import worse_by_error
 
 __all__ = ["as_written", "lowering"]
 
@@ -35,9 +35,9 @@ def lowering(case: Case, selection: Selection) -> Selection:
     """
     if case.believed is None or not selection.steps:
         return selection
-    left, kept = [rms for rms, _ in _as_compared(case, selection)], len(selection.steps)
-    noise = noise_floor(case.record, selection.fit)["torque"]["rms"] / (1.0 - case.policy.explained_torque) ** 0.5
-    while kept and left[kept] > max(case.policy.unchanged * left[kept - 1], noise):
+    designs = [fitted_design(case.design, fit) for fit in selection.fits]
+    left, kept = [rms for rms, _ in _as_compared(case, designs)], len(selection.steps)
+    while kept and left[kept] > case.policy.unchanged * left[kept - 1]:
         kept -= 1
     if kept == len(selection.steps):
         return selection
@@ -65,7 +65,8 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
     found = replace(found, errors={**found.errors, "nominal": nominal})
     if found.design is case.as_given:
         return found
-    shown = [*_as_compared(case, found.selection, slice(-1)), _as_read(case, found.design)]
+    before = [fitted_design(case.design, fit) for fit in found.selection.fits[:-1]]
+    shown = _as_compared(case, [*before, found.design])
     ladder = [{"rms": rms, "unit": record.unit("torque"), "relative": part} for rms, part in shown]
     relative = shown[-1][1]
     found = replace(found, errors=_evaluated(found.errors, ladder), steps=_between(found.steps, ladder))
@@ -76,14 +77,22 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
     return replace(found, design=case.as_given, improved=False, notices=tuple(warned))
 
 
-def _as_compared(case: Case, selection: Selection, which: slice = slice(None)) -> list[tuple[float, float]]:
-    """Return rms and relative error of the torque of the designs of these fits."""
-    return [_as_read(case, fitted_design(case.design, fit)) for fit in selection.fits[which]]
+def _as_compared(case: Case, designs: Sequence[Design]) -> list[tuple[float, float]]:
+    """Return rms and relative error of the torque of each design, and of those before it.
 
-
-def _as_read(case: Case, design: Design) -> tuple[float, float]:
+    Noise of the acceleration may be taken for a filter of the torque, which leaves less of it whatever the design. A
+    design is evaluated with the sampling found beside the next one where either sampling, held alike, says that what
+    the next one adds lowers the error.
+    """
     assert case.believed is not None
-    return torque_error(design, as_compared(design, case.record, case.believed.log))
+    records = [as_compared(design, case.record, case.believed.log) for design in designs]
+    found = [predict(design, record) for design, record in zip(designs, records, strict=True)]
+    for k in range(len(designs) - 2, -1, -1):
+        before, after = found[k].torque_error, found[k + 1].torque_error
+        if before < after and predict(designs[k + 1], records[k], found[k]).torque_error < before:
+            alike = predict(designs[k], records[k + 1], found[k + 1])
+            found[k] = alike if alike.torque_error > after else found[k]
+    return [one.torque_error for one in found]
 
 
 def _evaluated(errors: Mapping[str, Errors], ladder: Sequence[Mapping[str, Any]]) -> dict[str, Errors]:

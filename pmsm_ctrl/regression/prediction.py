@@ -68,6 +68,11 @@ class Prediction:
         return self.record.target - self.predicted
 
     @property
+    def torque_error(self) -> tuple[float, float]:
+        """Rms of what is left of the torque, N m (N), and its share of the torque."""
+        return errors(self.record, self.residual, ("torque",))["torque"]
+
+    @property
     def timing(self) -> DriveTiming:
         """How the drive signal was sampled beside the position: undone in the record, and found beside the design."""
         undone = self.record.timing

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.notices import WORSE_THAN_GIVEN
-from pmsm_ctrl.regression.prediction import errors, predict
+from pmsm_ctrl.regression.prediction import predict
 from pmsm_ctrl.section import Notice
 
 __all__ = ["torque_error", "worse_by_error", "worse_than_given"]
@@ -34,8 +34,7 @@ def torque_error(design: Design, record: Record) -> tuple[float, float]:
     design : Design
     record : Record
     """
-    prediction = predict(design, record)
-    return errors(prediction.record, prediction.residual, ("torque",))["torque"]
+    return predict(design, record).torque_error
 
 
 def worse_than_given(given: Design, found: Design, record: Record) -> Notice | None:
