@@ -79,7 +79,7 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = Fal
 
 
 def _is_wave(one: Accepted) -> bool:
-    return bool(one.effect.order or one.effect.electrical_order)
+    return bool(one.effect.order or one.effect.period or one.effect.electrical_order)
 
 
 def _is_most(before: Fitted, after: Fitted, policy: Policy) -> bool:

@@ -14,6 +14,7 @@ from pmsm_ctrl.effects.structures import LogView, Search
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.residuals.orders import order_spectrum
+from pmsm_ctrl.residuals.waves import highest_over_position, strongest_periods
 
 __all__ = ["Candidate", "candidates_for", "offered_effects"]
 
@@ -104,7 +105,13 @@ def candidates_for(
         score[np.arange(1, highest + 1) * travel < TWO_PERIODS] = 0.0  # a part of a turn, however often
         return score
 
-    view = LogView(record, residual, orders)
+    def periods(number: int) -> tuple[Array, int]:
+        used = record.weight[0] * record.mask > 0.0
+        theta, omega = (record.at_grid(record.signals[name])[used] for name in ("theta", "omega"))
+        values = (residual * record.weight[0] ** 2)[used]
+        return strongest_periods(values, theta, highest_over_position(omega, record.cutoff), number)
+
+    view = LogView(record, residual, orders, periods)
     present = set(present)
     split = any(effects[name].structure.splits_inertia for name in present if name in effects)
     out = []

@@ -38,7 +38,7 @@ def refine(
     if not free:
         return trial
     step = {name: _spacing(name, trial.group.shape, grid) for name in free}
-    rounds = structure.halvings(free)
+    rounds = structure.halvings(effect, free)
     best = trial
     halved = 0
     for _ in range(MOVES * rounds):

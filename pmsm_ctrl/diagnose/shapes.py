@@ -133,7 +133,7 @@ def _free(one: Accepted) -> list[str]:
     structure, shape = one.effect.structure, one.shape
 
     def near(name: str, sign: float) -> float:
-        return shape[name] * float(np.exp(sign * DIFFERENCE * structure.straight_over(shape, name)))
+        return shape[name] * float(np.exp(sign * DIFFERENCE * structure.straight_over(one.effect, shape, name)))
 
     return [
         name
@@ -151,7 +151,8 @@ def straight_over(accepted: Sequence[Accepted], free: Sequence[Free]) -> Array:
     free : sequence of (int, str)
         Positions among them, and names in their shapes.
     """
-    return np.array([accepted[k].effect.structure.straight_over(accepted[k].shape, name) for k, name in free])
+    over = [(accepted[k].effect, accepted[k].shape, name) for k, name in free]
+    return np.array([effect.structure.straight_over(effect, shape, name) for effect, shape, name in over])
 
 
 def searched(one: Accepted) -> list[str]:

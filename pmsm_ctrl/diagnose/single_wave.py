@@ -6,8 +6,6 @@ model of some order takes them for noise, and the noise floor is then as high as
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,14 +16,12 @@ from pmsm_ctrl.diagnose.result import Structure
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.residuals import policy as residuals
+from pmsm_ctrl.residuals.waves import FINER, PERIODS, highest_over_position, spectrum_over
 
 __all__ = ["single_wave"]
 
 Array = NDArray[np.float64]
 
-PERIODS = 4  # fewest of a wave
-FINER = 4  # waves that are looked at, per wave that the log can tell apart
-BINS = 8  # per period of the shortest wave
 BESIDE = 8  # waves on either side that a line stands out of
 POINTS = 49  # of the wave that is drawn
 
@@ -45,7 +41,8 @@ def single_wave(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     places = [("time", "s", record.t, _highest_over_time(record))]
     if record.linear and "theta" in record.signals:
         theta = record.at_grid(record.signals["theta"])
-        places.append(("position", "m", theta, _highest_over_position(record)))
+        moving = record.at_grid(record.signals["omega"])[record.mask]
+        places.append(("position", "m", theta, highest_over_position(moving, record.cutoff)))
     found = [one for place in places if (one := _over(fit, policy, *place)) is not None]
     return max(found, key=lambda one: one.share, default=None)
 
@@ -59,7 +56,7 @@ def _over(fit: Fitted, policy: Policy, name: str, unit: str, x: Array, highest: 
         return None
     left, whole = (values[0][used] * weight[used] for values in (fit.residual, record.target))
     place = x[used] - float(x[used].min())
-    power = _spectrum(left * weight[used], place, extent, highest)
+    power = spectrum_over(left * weight[used], place, extent, highest)
     best = (PERIODS * FINER + int(np.argmax(power[PERIODS * FINER :]))) / (FINER * extent)
     columns = _waves(2.0 * np.pi * best * place) * weight[used, None]
     size = factored(columns).solve(left)
@@ -87,18 +84,10 @@ def _waves(angle: Array) -> Array:
     return np.column_stack([np.cos(angle), np.sin(angle), np.ones(len(angle))])
 
 
-def _spectrum(values: Array, place: Array, extent: float, highest: float) -> Array:
-    """Return the power of `FINER` waves per wave that the log can tell apart, up to `highest` waves per unit."""
-    bins = math.ceil(BINS * highest * extent)
-    sums = np.bincount(np.minimum((place * (bins / extent)).astype(np.int64), bins - 1), values, bins)
-    power: Array = np.abs(np.fft.rfft(sums, FINER * bins))[: math.floor(highest * extent * FINER) + 1] ** 2
-    return power
-
-
 def _line(values: Array, place: Array, extent: float, number: float) -> float:
     """Return the p-value that a wave does not stand out of those beside it."""
     at = round(number * extent * FINER)
-    power = _spectrum(values, place, extent, number + (BESIDE + 1) / extent)
+    power = spectrum_over(values, place, extent, number + (BESIDE + 1) / extent)
     reach, own = BESIDE * FINER, 2 * FINER  # with what a wave leaks into the next ones
     beside = np.concatenate([power[max(at - reach, 0) : at - own], power[at + own : at + reach]])
     return float(2 * BESIDE * np.exp(-power[at] / max(float(np.mean(beside)), 1e-300)))
@@ -106,9 +95,3 @@ def _line(values: Array, place: Array, extent: float, number: float) -> float:
 
 def _highest_over_time(record: Record) -> float:
     return residuals.PASSED * record.cutoff
-
-
-def _highest_over_position(record: Record) -> float:
-    """Return the waves per metre that pass the filter in half of the motion: no others can be most of what is left."""
-    speed = np.abs(record.at_grid(record.signals["omega"]))[record.mask]
-    return residuals.PASSED * record.cutoff / max(float(np.median(speed)), 1e-12)

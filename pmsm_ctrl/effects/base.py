@@ -78,8 +78,9 @@ class Effect:
         of the logged currents.
     amplitudes : symbols that are all zero when the effect is off; the linear parameters unless said otherwise
     order : symbol of the parameter that counts the periods in a turn of the angle the term reads; empty without one
+    period : symbol of the parameter that is a period of the position the term reads; empty without one
     electrical_order : its whole order in a turn of the electrical angle, where it has one that never changes
-    repeated : whether an axis can have several, told apart by their order
+    repeated : whether an axis can have several, told apart by their order or period
     lowest_order : the lowest order that is usual for the effect; 0 where it has no such limit
     search : function of a `LogView`, optional
         Returns the shapes over which the searched parameters are tried; multiples of their start values otherwise.
@@ -109,6 +110,7 @@ class Effect:
     structure: Structure = field(default_factory=Term)
     amplitudes: tuple[str, ...] = ()
     order: str = ""
+    period: str = ""
     electrical_order: int = 0
     repeated: bool = False
     lowest_order: int = 0
@@ -135,7 +137,8 @@ class Effect:
                     f"({', '.join(SIGNALS)}) nor one of its parameters"
                 )
         roles = [v for v in vars(self.structure).values() if isinstance(v, str)]
-        for name in (*roles, *self.amplitudes, self.order, self.bends_over, *self.common_scale, *self.same_as):
+        waves = (self.order, self.period)
+        for name in (*roles, *self.amplitudes, *waves, self.bends_over, *self.common_scale, *self.same_as):
             if name and name not in {p.symbol for p in self.parameters}:
                 raise DesignError(f"effect '{self.id}': '{name}' is none of its parameters")
 
@@ -192,14 +195,31 @@ class Effect:
         return any(values[symbol] != 0.0 for symbol in self.amplitudes)
 
     def label(self, values: Mapping[str, float]) -> str:
-        """Return the id, with the order where the values have one: ``cogging 24``.
+        """Return the id, with the order or the period where the values have one: ``cogging 24``.
 
         Parameters
         ----------
         values : mapping of str to float
             Parameters or a shape.
         """
-        return f"{self.id} {values[self.order]:g}" if values.get(self.order) else self.id
+        known = values.get(self.order) or values.get(self.period)
+        return f"{self.id} {known:.4g}" if known else self.id
+
+    def waves(self, values: Mapping[str, float], p: float) -> float:
+        """Return by how much the phase of the term's wave grows with the position it reads, rad/rad (rad/m).
+
+        That is 1 where it has neither order nor period.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Parameters or a shape.
+        p : float
+            Pole pairs.
+        """
+        if self.period:
+            return 2.0 * math.pi / values[self.period]
+        return values.get(self.order, 1.0) * (p if "p" in self.signals else 1.0)
 
     def standing(self, values: Mapping[str, float], **signals: float) -> float:
         """Return the term of an axis that rests and is about to turn forwards, in the unit of its first channel.
@@ -226,8 +246,7 @@ class Effect:
         """
         if "theta" not in self.signals:
             return abs(self.standing(values, p=p))
-        waves = values.get(self.order, 1.0) * (p if "p" in self.signals else 1.0)
-        quarter = 0.5 * math.pi / max(waves, 1.0)
+        quarter = 0.5 * math.pi / max(self.waves(values, p), 1.0)
         return math.hypot(*(self.standing(values, p=p, theta=theta) for theta in (0.0, quarter)))
 
     def parameter(self, symbol: str) -> Parameter:

@@ -196,9 +196,8 @@ def _steps(bound: Sequence[Bound], J: float, period: float, top_speed: float, p:
     """Return the integration steps per sample that the fastest part of the mechanics needs."""
     needed = period / LONGEST
     for effect, values in bound:
-        if effect.order:
-            per_turn = values[effect.order] * (p if "p" in effect.signals else 1.0)
-            needed = max(needed, per_turn * top_speed * period / WAVE)
+        if effect.order or effect.period:
+            needed = max(needed, effect.waves(values, p) * top_speed * period / WAVE)
     load = second_mass(bound)
     if load is not None and 0.0 < load.J_load < J:
         inverse = 1.0 / load.J_load + 1.0 / (J - load.J_load)
@@ -210,7 +209,7 @@ def _steps(bound: Sequence[Bound], J: float, period: float, top_speed: float, p:
 def _usual() -> tuple[Effect, ...]:
     """Return the effects that every kernel holds: with what is zero skipped, one kernel serves nearly all designs."""
     plain = [e for e in CATALOGUE.values() if e.enters == "torque" and not e.has_state]
-    return tuple(effect for effect in plain for _ in range(WAVES if effect.repeated else 1))
+    return tuple(effect for effect in plain for _ in range(WAVES if effect.order and effect.repeated else 1))
 
 
 def _carried(

@@ -143,7 +143,7 @@ def _friction(bound: Sequence[Bound], plant: Plant, top: float) -> tuple[list[fl
 
 
 def _waves(effect: Effect, values: Mapping[str, float], plant: Plant) -> float:
-    return max(values.get(effect.order, 1.0) * (plant.p if "p" in effect.signals else 1.0), 1.0)
+    return max(effect.waves(values, plant.p), 1.0)
 
 
 def _winding(bound: Sequence[Bound], plant: Plant, i_max: float) -> tuple[float, float]:

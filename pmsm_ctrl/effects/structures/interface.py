@@ -90,11 +90,14 @@ class LogView:
     orders : function of int
         Returns how much each mechanical order up to this one stands out of the residual, shape (highest,); 0 where no
         turn is slow enough to see it.
+    periods : function of int
+        Returns this many periods of the position that stand out of the residual, rad (m), and how many could.
     """
 
     balances: Balances
     residual: Array
     orders: Callable[[int], Array]
+    periods: Callable[[int], tuple[Array, int]]
 
     # Read by the search of every effect that hangs on it.
     @cached_property
@@ -252,7 +255,7 @@ class Structure(ABC):
             return "it shows in the voltages alone, and this log has no u_d and u_q"
         if "p" in effect.signals and motor.p is None:
             return "the design does not know the pole pairs"
-        if balances.linear and ("theta" in effect.signals or "theta" in effect.channels):
+        if balances.linear and not effect.period and ("theta" in effect.signals or "theta" in effect.channels):
             return "a linear axis has no known period of position"
         absent = [s for s in effect.signals if s not in balances.signals and s not in INTERNAL]
         return f"the log has no {', '.join(absent)}" if absent else ""
@@ -355,7 +358,7 @@ class Structure(ABC):
         """Names in a shape that no search varies, and that are fitted with all others once the effect is in."""
         return ()
 
-    def halvings(self, free: Iterable[str]) -> int:
+    def halvings(self, effect: Effect, free: Iterable[str]) -> int:
         """How often the steps of the refinement are halved."""
         return 3
 
@@ -363,7 +366,7 @@ class Structure(ABC):
         """Ends of the names of a shape between which all shapes can be looked at; none where they are too many."""
         return {}
 
-    def straight_over(self, shape: Mapping[str, float], name: str) -> float:
+    def straight_over(self, effect: Effect, shape: Mapping[str, float], name: str) -> float:
         """Step of a shape's logarithm over which a smooth prediction is a straight line."""
         return STRAIGHT_OVER
 

@@ -145,17 +145,17 @@ class Spring(Transmission):
         """Return the spring whose search also starts from this one."""
         return replace(self, measured=(*self.measured, mass))
 
-    def halvings(self, free: Iterable[str]) -> int:
+    def halvings(self, effect: Effect, free: Iterable[str]) -> int:
         """How often the steps of the refinement are halved."""
-        return SHARP if FREQUENCY in free else super().halvings(free)
+        return SHARP if FREQUENCY in free else super().halvings(effect, free)
 
     def ranges(self, effect: Effect) -> dict[str, tuple[float, float]]:
         """Return the frequencies and dampings of springs."""
         return {FREQUENCY: (2.0 * np.pi * LOWEST, 4.0 * np.pi * HIGHEST), DAMPING: (LEAST_DAMPED, OVERDAMPED)}
 
-    def straight_over(self, shape: Mapping[str, float], name: str) -> float:
+    def straight_over(self, effect: Effect, shape: Mapping[str, float], name: str) -> float:
         """Step of a shape's logarithm over which the prediction is straight: at a resonance, part of its width."""
-        plain = super().straight_over(shape, name)
+        plain = super().straight_over(effect, shape, name)
         return min(plain, PART_OF_WIDTH * shape[DAMPING]) if name == FREQUENCY else plain
 
     def at_bound(self, effect: Effect, shape: Mapping[str, float]) -> bool:

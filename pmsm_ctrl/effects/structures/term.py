@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -36,6 +36,9 @@ FRAME = "(frame)"
 DRIVE = ("torque", "i_q")
 # Over the cutoff: for so long the low-pass before differentiation smooths the speed.
 SMOOTHED = 0.1
+# Steps of the logarithm of a period: how often those of its refinement are halved, and over what the prediction is
+# straight, half a radian at the end of forty waves.
+SHARP, ALONG = 7, 2e-3
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,14 @@ class Term(Structure):
         """Return the order of the angle and the frame: whole numbers."""
         return frozenset((effect.order, FRAME))
 
+    def halvings(self, effect: Effect, free: Iterable[str]) -> int:
+        """How often the steps of the refinement are halved: until a period holds over the whole travel."""
+        return SHARP if effect.period in free else super().halvings(effect, free)
+
+    def straight_over(self, effect: Effect, shape: Mapping[str, float], name: str) -> float:
+        """Step of a shape's logarithm over which the prediction is straight: of a period, part of a wave at the end."""
+        return ALONG if name == effect.period else super().straight_over(effect, shape, name)
+
     def commutation_apart(self, shape: Mapping[str, float]) -> bool:
         """Whether the voltages do not follow the wrong angle."""
         return shape.get(FRAME, 1.0) == 0.0
@@ -197,11 +208,11 @@ def _slow_enough(balances: Balances, effect: Effect, shape: Mapping[str, float])
 
     None of it is lost: the balances are filtered far below. None where there is no order.
     """
-    if effect.order not in shape:
+    if effect.order not in shape and effect.period not in shape:
         return None
-    per_turn = shape[effect.order] * (balances.design.motor.p or 1 if "p" in effect.signals else 1)
+    waves = effect.waves(shape, balances.design.motor.p or 1)
     fastest = 0.8 * np.pi / balances.period
-    return np.asarray(per_turn * np.abs(balances.signals["omega"]) < fastest, dtype=float)
+    return np.asarray(waves * np.abs(balances.signals["omega"]) < fastest, dtype=float)
 
 
 def _voltage(effects: Sequence[tuple[int, Effect]]) -> Lines:

@@ -1,0 +1,79 @@
+"""Waves of a residual over time, or over the position of a linear axis."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.residuals import policy
+
+__all__ = ["FINER", "PERIODS", "highest_over_position", "spectrum_over", "strongest_periods"]
+
+Array = NDArray[np.float64]
+
+PERIODS = 4  # fewest of a wave
+FINER = 4  # waves that are looked at, per wave that the log can tell apart
+BINS = 8  # per period of the shortest wave
+
+
+def spectrum_over(values: Array, place: Array, extent: float, highest: float) -> Array:
+    """Return the power of `FINER` waves per wave that the log can tell apart, up to `highest` waves per unit.
+
+    Parameters
+    ----------
+    values : array, shape (m,)
+    place : array, shape (m,)
+        Time, s, or position, m, of each; from zero on.
+    extent : float
+        Of the place.
+    highest : float
+        Waves per s (m).
+    """
+    bins = math.ceil(BINS * highest * extent)
+    sums = np.bincount(np.minimum((place * (bins / extent)).astype(np.int64), bins - 1), values, bins)
+    power: Array = np.abs(np.fft.rfft(sums, FINER * bins))[: math.floor(highest * extent * FINER) + 1] ** 2
+    return power
+
+
+def highest_over_position(omega: Array, cutoff: float) -> float:
+    """Return the waves per m that pass a low-pass in half of the motion: no others can be most of what is left.
+
+    Parameters
+    ----------
+    omega : array, shape (m,)
+        Speed where the axis moves, m/s.
+    cutoff : float
+        Hz.
+    """
+    return policy.PASSED * cutoff / max(float(np.median(np.abs(omega))), 1e-12)
+
+
+def strongest_periods(values: Array, place: Array, highest: float, number: int) -> tuple[Array, int]:
+    """Return the periods of the strongest waves over a position, strongest first, and how many waves there can be.
+
+    Parameters
+    ----------
+    values : array, shape (m,)
+        Of the samples that count, weighted.
+    place : array, shape (m,)
+    highest : float
+        Waves per m.
+    number : int
+        Of periods at most.
+
+    Returns
+    -------
+    (array, int)
+        m; none where fewer than `PERIODS` waves lie within the extent.
+    """
+    extent = float(np.ptp(place)) if place.size else 0.0
+    if extent <= 0.0 or highest * extent <= PERIODS:
+        return np.zeros(0), 0
+    power = spectrum_over(values, place - place.min(), extent, highest)
+    inner = power[1:-1]
+    peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
+    peaks = peaks[peaks >= PERIODS * FINER]
+    best = peaks[np.argsort(power[peaks])[::-1][:number]]
+    return FINER * extent / best, max(int(highest * extent) - PERIODS, 1)
