@@ -43,6 +43,7 @@ def renamed(effect: Effect) -> Effect:
         structure=replace(effect.structure, **roles),
         amplitudes=other(effect.amplitudes),
         order=names.get(effect.order, ""),
+        period=names.get(effect.period, ""),
         bends_over=names.get(effect.bends_over, ""),
         common_scale=other(effect.common_scale),
         same_as=mapped(effect.same_as),

@@ -122,7 +122,12 @@ def test_the_columns_the_search_and_the_bounds_are_the_same(effect: Effect, reco
     own, names = renamed(effect), names_of(effect)
     assert effect.structure.available(record, effect) == own.structure.available(record, own)
     rng = np.random.default_rng(1)
-    view = LogView(record, rng.normal(size=len(record.t)), lambda highest: np.arange(1.0, highest + 1.0), no_periods)
+    view = LogView(
+        record,
+        rng.normal(size=len(record.t)),
+        lambda highest: np.arange(1.0, highest + 1.0),
+        lambda number: (np.array([0.3]), 1),
+    )
     found, other = effect.structure.search(effect, view), own.structure.search(own, view)
     assert [back(effect, shape) for shape in other.shapes] == list(found.shapes)
     assert (other.tried, other.why_not) == (found.tried, found.why_not)
@@ -132,7 +137,7 @@ def test_the_columns_the_search_and_the_bounds_are_the_same(effect: Effect, reco
     assert back(effect, own.structure.bounds(own, known, own.structure.shape(own, own.example))) == (
         effect.structure.bounds(effect, known, entered)
     )
-    for shape in (found.shapes[0], found.shapes[-1], entered):
+    for shape in (*found.shapes[:1], *found.shapes[-1:], entered):
         mine = {names.get(symbol, symbol): value for symbol, value in shape.items()}
         for build in (effect_group, seen):
             wanted = build(record, effect, shape).values

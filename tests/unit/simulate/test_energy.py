@@ -18,7 +18,7 @@ SIZES = {
     "quadratic_drag": {"k_2": 1e-6}, "load_dependent_friction": {"mu": 0.1},
     "position_dependent_friction": {"b_s": 0.004, "b_c": -0.002}, "thermal_drift": {"dF_v": -5e-5, "tau": 0.3},
     "unbalance": {"a_s": 0.01, "a_c": 0.003}, "cogging": {"a_s": 0.004, "order": 12.0},
-    "rising_friction": {"dF_r": 0.01, "w_r": 3.0},
+    "rising_friction": {"dF_r": 0.01, "w_r": 3.0}, "detent_force": {"a_s": 0.004, "period": 0.5},
     "torque_ripple": {"r_s": 0.05}, "torque_saturation": {"k_s": 0.05}, "iron_loss": {"T_h": 0.002, "k_e": 1e-5},
 }  # fmt: skip
 # Drag of the moving parts: whatever the state, its power is never negative.
