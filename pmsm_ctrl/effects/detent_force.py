@@ -49,5 +49,7 @@ effect = Effect(
     needs="a linear axis that passes four periods or more, slowly",
     look_alikes={
         "torque_ripple": "at constant current a force that repeats with the magnets is the same",
+        "current_offset": "an error of the current sensors repeats with the poles of a linear motor",
+        "current_gain": "an error of the current sensors repeats with the poles of a linear motor, twice",
     },
 )

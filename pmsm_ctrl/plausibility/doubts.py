@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.plausibility.examination import examine
 from pmsm_ctrl.plausibility.result import Plausibility
@@ -38,9 +39,10 @@ def doubts_about(design: Design, log: Logs) -> Plausibility:
     Raises
     ------
     LogError
-        When the logs are not records of one axis; the line names the file.
+        When the logs are not records of one axis, or of another kind of axis than the design's; the line names the
+        file.
     """
-    logs = [with_records(one, number) for number, one in enumerate(as_logs(log), start=1)]
+    logs = [with_records(_of_its_kind(design, one, number), number) for number, one in enumerate(as_logs(log), start=1)]
     found = [_doubts_about_one(design, one) for one in logs]
     if len(found) == 1:
         return found[0]
@@ -53,6 +55,15 @@ def doubts_about(design: Design, log: Logs) -> Plausibility:
         tuple(stretch for one in found for stretch in one.excluded),
         _by_record(names, [one.repairs for one in found]),
     )
+
+
+def _of_its_kind(design: Design, log: Log, number: int) -> Log:
+    if log.motion != design.motion:
+        raise LogError(
+            f"{name_of(log, number)}: found a log of a {log.motion} axis; one of a {design.motion} axis, as design "
+            f"'{design.name}' is, was expected: Log(..., motion='{design.motion}')"
+        )
+    return log
 
 
 def _by_record(names: Sequence[str], notices: Iterable[Sequence[Notice]]) -> tuple[Notice, ...]:

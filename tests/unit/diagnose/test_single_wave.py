@@ -5,6 +5,7 @@ import pytest
 
 from pmsm_ctrl import Design, Log, diagnose
 from pmsm_ctrl.diagnose.single_wave import _line
+from pmsm_ctrl.effects.catalogue import CATALOGUE
 
 J, F_c, F_v = 20.0, 60.0, 50.0
 PITCH, FREQUENCY = 0.024, 5.3  # m, Hz
@@ -31,10 +32,18 @@ def axis(ripple: float = 0.0, process: float = 0.0) -> tuple[Design, Log]:
     ids=["ripple", "process"],
 )
 def test_a_wave_over_position_or_time_is_structure(forces: dict[str, float], coordinate: str, words: str) -> None:
-    found = diagnose(*axis(**forces), plan=False)
+    others = [name for name in CATALOGUE if name != "detent_force"]  # which is the name of a wave over position
+    found = diagnose(*axis(**forces), candidates=others, plan=False)
     assert not found.steps
     assert (str(found.verdict), found.to_dict()["reason_codes"]) == ("unexplained", ["single_wave"])
     assert f"a single wave over {coordinate} ({words}" in found.summary().replace("\n", " ")
+
+
+def test_a_wave_over_position_has_a_name() -> None:
+    (step,) = diagnose(*axis(ripple=8.0), plan=False).steps
+    assert step.effect == "detent_force"
+    assert step.parameters["period"].value == pytest.approx(PITCH, rel=1e-3)
+    assert np.hypot(*(step.parameters[name].value for name in ("a_s", "a_c"))) == pytest.approx(8.0, rel=0.02)
 
 
 def test_without_such_a_force_nothing_is_left() -> None:
