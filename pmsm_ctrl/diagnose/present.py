@@ -41,8 +41,9 @@ def verdict_text(d: Diagnosis) -> str:
     """
     if d.verdict is not Verdict.EFFECTS_MISSING:
         return VERDICTS[d.verdict]
-    counts = Counter(step.title for step in d.steps)  # only an effect with an order is found more than once
-    titles = ", ".join(title if count == 1 else f"{title} ({count} orders)" for title, count in counts.items())
+    # only an effect with an order or a period is found more than once
+    counts = Counter((step.title, "periods" if "period" in step.parameters else "orders") for step in d.steps)
+    titles = ", ".join(title if n == 1 else f"{title} ({n} {waves})" for (title, waves), n in counts.items())
     return f"{len(d.steps)} missing effect{'' if len(d.steps) == 1 else 's'}: {titles}"
 
 

@@ -4,9 +4,10 @@ r"""How often the 95 % intervals that `add` writes hold the truth: every paramet
     python -m tests.benchmarks.coverage --logs 200                                         the table of the page, hours
 
 Each log is the reference drive simulated with one effect, its example values varied by up to 20 %, and with noise of
-its own. The effect is added to the design without it, and the estimates and their standard errors are held against what
-was simulated. An estimate without a standard error, at its bound or never fitted, makes no interval; those are counted
-beside. Shares come with their 95 % interval (Clopper and Pearson).
+its own; of an effect with a period, a linear axis in closed form. The effect is added to the design without it, and the
+estimates and their standard errors are held against what was simulated. An estimate without a standard error, at its
+bound or never fitted, makes no interval; those are counted beside. Shares come with their 95 % interval (Clopper and
+Pearson).
 """
 
 from __future__ import annotations
@@ -15,16 +16,20 @@ import argparse
 import json
 import warnings
 from collections import defaultdict
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.adding import added
+from pmsm_ctrl.diagnose.addition import Addition
+from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.simulate import simulate
 from tests.benchmarks.worlds.judge import interval
+from tests.slides import slide
 
 DESIGNS = Path(__file__).resolve().parents[2] / "designs"
 HALF_WIDTH = 1.959964
@@ -38,19 +43,36 @@ def scores(effect_id: str, seed: int, scenario: str, polish: bool = False) -> di
 
     Where the result gives an interval in place of a standard error, over that of its half on the true value's side.
     """
-    design = Design.read(DESIGNS / "hand_tuned.toml")
     effect = CATALOGUE[effect_id]
     rng = np.random.default_rng([seed, *effect_id.encode()])
+    if effect.period:
+        return _along_a_line(effect, seed, rng, polish)
+    design = Design.read(DESIGNS / "hand_tuned.toml")
     truth = {}
     for p in effect.parameters:
         varied = effect.example[p.symbol] * (1.0 if p.symbol == effect.order else rng.uniform(1 - VARIED, 1 + VARIED))
         truth[p.symbol] = float(np.clip(varied, p.lower, p.upper))
     log = simulate(design, scenario, truth=design.with_effect(effect_id, truth), seed=seed)
-    found = added(design, log, effect_id, polish=polish)
+    whole = {entry.id: design.parameters(entry.id) for entry in design.effects} | {effect_id: truth}
+    return _off(added(design, log, effect_id, polish=polish), effect, whole)
+
+
+def _along_a_line(effect: Effect, seed: int, rng: np.random.Generator, polish: bool) -> dict[str, float]:
+    """Return the same of a wave of 0.5 to 3 N and 12 to 48 mm along a linear axis with noise of 1 N."""
+    truth = dict(zip(effect.amplitudes, rng.uniform(0.5, 2.0, 2).tolist(), strict=True)) | {
+        effect.period: float(rng.uniform(0.012, 0.048))
+    }
+    size = tuple(truth[symbol] for symbol in effect.amplitudes)
+    one = slide("moves" if seed % 2 else "sines", seed, {truth[effect.period]: (size[0], size[1])})
+    base = {"coulomb": {"F_c": one.true["F_c"]}, "viscous": {"F_v": one.true["F_v"]}}
+    return _off(added(one.design, one.log, effect.id, polish=polish), effect, base | {effect.id: truth})
+
+
+def _off(found: Addition, effect: Effect, whole: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     out = {}
     for entry in found.design.effects:
-        true = truth if entry.id == effect_id else design.parameters(entry.id)
-        told = found.parameters if entry.id == effect_id else found.base
+        true = whole[entry.id]
+        told = found.parameters if entry.id == effect.id else found.base
         for symbol, value in true.items():
             if symbol == effect.order:
                 continue
