@@ -25,6 +25,13 @@ def test_a_travel_of_less_than_four_periods_shows_none(place: np.ndarray, highes
     assert (periods.size, possible) == (0, 0)
 
 
+def test_a_wave_of_two_periods_is_none() -> None:
+    place = np.linspace(0.0, 1.0, 4000)
+    values = 5.0 * np.sin(2.0 * np.pi * place / 0.5) + np.sin(2.0 * np.pi * place / 0.04)
+    periods, _ = strongest_periods(values, place, 40.0, 1)
+    assert periods == pytest.approx([0.04], rel=0.01)
+
+
 def test_waves_that_are_passed_too_fast_for_a_low_pass_are_not_looked_for() -> None:
     slow, fast = (highest_over_position(np.array([-speed, speed, 3.0 * speed]), 40.0) for speed in (0.1, 0.2))
     assert slow == pytest.approx(2.0 * fast)
