@@ -37,7 +37,7 @@ from pmsm_ctrl.diagnose.shapes import sizes_in_shape
 from pmsm_ctrl.diagnose.where_seen import where_seen
 from pmsm_ctrl.evidence.tests import f_tail
 from pmsm_ctrl.regression.bounds import bounded, column_bounds
-from pmsm_ctrl.regression.drive_timing import LATENESS
+from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, filter_behind
 from pmsm_ctrl.regression.lateness import lateness
 from pmsm_ctrl.regression.model import Solved
 
@@ -280,7 +280,7 @@ def own_sampling(fit: Fitted, policy: Policy) -> Refusal | None:
 
 
 def judge_sampling(after: Fitted, policy: Policy) -> Refusal | None:
-    """Return what speaks against a delay that was accepted last: that sampling can cause it.
+    """Return what speaks against a delay that was accepted last: that sampling, or a filter, can cause it.
 
     Parameters
     ----------
@@ -293,4 +293,10 @@ def judge_sampling(after: Fitted, policy: Policy) -> Refusal | None:
         return None
     first = after.model.columns_of(position).start
     value, error = float(after.estimate.values[first]), float(after.plain.stderr[first])
-    return criteria.beyond_sampling(value, error, (-after.record.early, after.record.sampling), policy)
+    refusal = criteria.beyond_sampling(value, error, (-after.record.early, after.record.sampling), policy)
+    if refusal is not None or after.record.sampling_stated or SPREAD not in after.model.names:
+        return refusal
+    k = after.model.names.index(SPREAD)
+    spread = float(after.plain.values[k]), float(after.plain.stderr[k])
+    filtered = filter_behind(value, spread, after.record.sampling) is not None
+    return Refusal(Reason.LIKE_FILTER, {"value": 1e3 * value}) if filtered else None

@@ -106,6 +106,8 @@ MUTATIONS = (
              "peaks >= PERIODS * FINER", "peaks >= 0", "unit/residuals/test_waves.py"),
     Mutation("a rotary log and a linear design", "plausibility/doubts.py",
              "log.motion != design.motion", "False", "unit/plausibility/test_kind_of_axis.py"),
+    Mutation("a delay that a filter explains as well", "diagnose/judging.py",
+             "if filtered else None", "if False else None", "unit/diagnose/test_judging.py"),
     Mutation("prediction: the inertia is that of the log", "regression/prediction.py",
              'design.J if model.names[k] == "J" else nominal[k]', "nominal[k]",
              "unit/regression/test_slow_inertia.py -k comparison"),

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.diagnose import judging
-from pmsm_ctrl.diagnose.judging import judge_trial
+from pmsm_ctrl.diagnose.judging import judge_sampling, judge_trial
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial
+from pmsm_ctrl.regression.drive_timing import SPREAD
 
 STRUCTURE = SimpleNamespace(has_memory=True, never_minor=lambda shape: False)
 CANDIDATE: Any = SimpleNamespace(effect=SimpleNamespace(structure=STRUCTURE))
@@ -50,3 +51,33 @@ def test_an_effect_that_is_too_small_in_part_is_sized_as_a_whole(
     found = judge_trial(fit, part, 0.0, POLICY)
     assert isinstance(found, Refusal)
     assert found.reason is Reason.TOO_SMALL
+
+
+def delayed(late: float, spread: tuple[float, float], stated: bool = False) -> Any:
+    """Return a fit with a delay of this size, s, beside half the variance of a filter, s^2; sampling may do 0.25 ms."""
+    names = ["J", SPREAD, "tau"]
+    estimate = SimpleNamespace(values=np.array([1.0, spread[0], late]), stderr=np.array([1e-3, spread[1], 4e-6]))
+    model = SimpleNamespace(names=names, columns_of=lambda position: slice(2, 3))
+    record = SimpleNamespace(early=1.25e-3, sampling=0.25e-3, sampling_stated=stated)
+    effect = SimpleNamespace(structure=SimpleNamespace(delays=True))
+    return SimpleNamespace(
+        accepted=(SimpleNamespace(effect=effect),), position=lambda number: 0, model=model, estimate=estimate,
+        plain=estimate, record=record,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("late", "spread", "stated", "expected"),
+    [
+        (0.36e-3, (0.0, 1e-9), False, None),  # a filter of 0.11 ms at least would have 6e-9
+        (0.36e-3, (0.0, 3e-9), False, Reason.LIKE_FILTER),  # a clean log of a filter of 0.37 ms was called a delay
+        (0.36e-3, (0.0, 3e-9), True, None),  # the log says how it was sampled
+        (-1.4e-3, (1e-6, 1e-9), False, None),  # no filter makes a signal early
+        (0.25e-3, (0.0, 1e-9), False, Reason.WITHIN_SAMPLING),
+    ],
+)
+def test_a_delay_is_one_where_no_filter_can_be_it(
+    late: float, spread: tuple[float, float], stated: bool, expected: Reason | None
+) -> None:
+    refusal = judge_sampling(delayed(late, spread, stated), POLICY)
+    assert (refusal and refusal.reason) is expected
