@@ -82,8 +82,8 @@ WORDS: Mapping[Reason, str] = {
     Reason.NOT_DETERMINED: "rejected: {parameter} = {value:.3g} +- {stderr:.2g}, not determined by this log",
     Reason.WITHIN_SAMPLING: "within what sampling alone can cause: {value:.2g} +- {stderr:.1g} ms, where {low:.2g} to "
     "{high:.2g} ms are possible",
-    Reason.LIKE_FILTER: "not distinguishable from a filter that makes the drive signal {value:.2g} ms late; state which "
-    "it is as filter or late in [log]",
+    Reason.LIKE_FILTER: "not distinguishable from a filter that makes the drive signal {value:.2g} ms late; state "
+    "which it is as filter or late in [log]",
     Reason.OTHER_BAND: "rejected: of another size in half the band, {percent:.0f} % of that in the whole",
     Reason.OTHER_ABOVE: "rejected: of another size above the band, {percent:.0f} % of that in it",
     Reason.FAST_TORQUE: "rejected: without the part of the measured torque that is faster than the band it would be of "
