@@ -88,10 +88,10 @@ def _as_compared(case: Case, designs: Sequence[Design]) -> list[tuple[float, flo
     records = [as_compared(design, case.record, case.believed.log) for design in designs]
     found = [predict(design, record) for design, record in zip(designs, records, strict=True)]
     for k in range(len(designs) - 2, -1, -1):
-        before, after = found[k].torque_error, found[k + 1].torque_error
-        if before < after and predict(designs[k + 1], records[k], found[k]).torque_error < before:
+        before, after = (found[number].torque_error[0] for number in (k, k + 1))
+        if before < after and predict(designs[k + 1], records[k], found[k]).torque_error[0] < before:
             alike = predict(designs[k], records[k + 1], found[k + 1])
-            found[k] = alike if alike.torque_error > after else found[k]
+            found[k] = alike if alike.torque_error[0] > after else found[k]
     return [one.torque_error for one in found]
 
 

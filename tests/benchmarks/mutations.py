@@ -99,7 +99,7 @@ MUTATIONS = (
              "case.policy.unchanged * left[kept - 1]", "1e3",
              "unit/diagnose/test_lowering.py"),
     Mutation("written: smoothed noise is a gain of the design without an effect", "diagnose/written.py",
-             "alike if alike.torque_error > after", "alike if False", "unit/diagnose/test_lowering.py"),
+             "alike if alike.torque_error[0] > after", "alike if False", "unit/diagnose/test_lowering.py"),
     Mutation("detent force: both parts are sines", "effects/detent_force.py",
              "a_c * cos(", "a_c * sin(", "unit/diagnose/test_detent_force.py"),
     Mutation("waves over a position: those of less than four periods", "residuals/waves.py",
