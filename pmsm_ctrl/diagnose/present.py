@@ -41,9 +41,10 @@ def verdict_text(d: Diagnosis) -> str:
     """
     if d.verdict is not Verdict.EFFECTS_MISSING:
         return VERDICTS[d.verdict]
-    # only an effect with an order or a period is found more than once
-    counts = Counter((step.title, "periods" if "period" in step.parameters else "orders") for step in d.steps)
-    titles = ", ".join(title if n == 1 else f"{title} ({n} {waves})" for (title, waves), n in counts.items())
+    # only an effect with an order, or on a linear axis with a period, is found more than once
+    waves = "periods" if d.design.motion == "linear" else "orders"
+    counts = Counter(step.title for step in d.steps)
+    titles = ", ".join(title if count == 1 else f"{title} ({count} {waves})" for title, count in counts.items())
     return f"{len(d.steps)} missing effect{'' if len(d.steps) == 1 else 's'}: {titles}"
 
 

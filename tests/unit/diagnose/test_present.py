@@ -67,8 +67,9 @@ def test_the_verdict_names_the_effects(found: Diagnosis) -> None:
     cogging = replace(STRIBECK, title="Cogging torque")
     several = replace(found, steps=(cogging, STRIBECK, cogging, cogging))
     assert verdict_text(several) == "4 missing effects: Cogging torque (3 orders), Stribeck friction"
-    detent = replace(STRIBECK, title="Detent force", parameters={"period": Estimate(0.024, "m", 1e-5)})
-    assert verdict_text(replace(found, steps=(detent, detent))) == "2 missing effects: Detent force (2 periods)"
+    detent, slide = replace(STRIBECK, title="Detent force"), SimpleNamespace(name="slide", motion="linear")
+    two = replace(found, steps=(detent, detent), design=slide)  # type: ignore[arg-type]
+    assert verdict_text(two) == "2 missing effects: Detent force (2 periods)"
 
 
 @pytest.mark.parametrize("verdict", [v for v in Verdict if v is not Verdict.EFFECTS_MISSING])
