@@ -109,7 +109,7 @@ def candidates_for(
         used = record.weight[0] * record.mask > 0.0
         theta, omega = (record.at_grid(record.signals[name])[used] for name in ("theta", "omega"))
         values = (residual * record.weight[0] ** 2)[used]
-        return strongest_periods(values, theta, highest_over_position(omega, record.cutoff), number)
+        return strongest_periods(values, theta, highest_over_position(theta, omega, record.cutoff), number)
 
     view = LogView(record, residual, orders, periods)
     present = set(present)

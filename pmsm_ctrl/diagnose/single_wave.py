@@ -41,8 +41,9 @@ def single_wave(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     places = [("time", "s", record.t, _highest_over_time(record))]
     if record.linear and "theta" in record.signals:
         theta = record.at_grid(record.signals["theta"])
-        moving = record.at_grid(record.signals["omega"])[record.mask]
-        places.append(("position", "m", theta, highest_over_position(moving, record.cutoff)))
+        omega = record.at_grid(record.signals["omega"])
+        highest = highest_over_position(theta[record.mask], omega[record.mask], record.cutoff)
+        places.append(("position", "m", theta, highest))
     found = [one for place in places if (one := _over(fit, policy, *place)) is not None]
     return max(found, key=lambda one: one.share, default=None)
 

@@ -37,17 +37,24 @@ def spectrum_over(values: Array, place: Array, extent: float, highest: float) ->
     return power
 
 
-def highest_over_position(omega: Array, cutoff: float) -> float:
+def highest_over_position(theta: Array, omega: Array, cutoff: float) -> float:
     """Return the waves per m that pass a low-pass in half of the motion: no others can be most of what is left.
+
+    No more than half as many as there are samples: an axis that creeps, and jumps far once, passes no others.
 
     Parameters
     ----------
+    theta : array, shape (m,)
+        Position where the axis moves, m.
     omega : array, shape (m,)
         Speed where the axis moves, m/s.
     cutoff : float
         Hz.
     """
-    return policy.PASSED * cutoff / max(float(np.median(np.abs(omega))), 1e-12)
+    if not len(theta):
+        return 0.0
+    passed = policy.PASSED * cutoff / max(float(np.median(np.abs(omega))), 1e-12)
+    return min(passed, 0.5 * len(theta) / max(float(np.ptp(theta)), 1e-12))
 
 
 def strongest_periods(values: Array, place: Array, highest: float, number: int) -> tuple[Array, int]:

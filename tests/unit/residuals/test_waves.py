@@ -33,5 +33,15 @@ def test_a_wave_of_two_periods_is_none() -> None:
 
 
 def test_waves_that_are_passed_too_fast_for_a_low_pass_are_not_looked_for() -> None:
-    slow, fast = (highest_over_position(np.array([-speed, speed, 3.0 * speed]), 40.0) for speed in (0.1, 0.2))
+    theta = np.linspace(0.0, 0.01, 300)
+    slow, fast = (
+        highest_over_position(theta, np.tile([-speed, speed, 3.0 * speed], 100), 40.0) for speed in (0.1, 0.2)
+    )
     assert slow == pytest.approx(2.0 * fast)
+
+
+def test_there_are_no_more_waves_than_samples_tell() -> None:
+    """Of an axis that creeps, and jumps by half a metre once, a spectrum of millions of waves would be taken."""
+    theta = np.concatenate([np.linspace(0.0, 1e-4, 500), np.linspace(0.5, 0.5001, 500)])
+    assert highest_over_position(theta, np.full(1000, 1e-5), 40.0) * 0.5001 == pytest.approx(500.0)
+    assert highest_over_position(np.zeros(0), np.zeros(0), 40.0) == 0.0
