@@ -46,18 +46,24 @@ def two_sines(rng: np.random.Generator) -> np.ndarray:
 MOTIONS = {"moves": between_places, "sines": two_sines}
 
 
-def slide(motion: str, seed: int, waves: Mapping[float, tuple[float, float]]) -> Slide:
-    """Return a linear axis with waves along it: of a period, m, sine and cosine part, N; below noise of 1 N."""
+def slide(
+    motion: str, seed: int, waves: Mapping[float, tuple[float, float]], of: Slide | None = None, zero: float = 0.0
+) -> Slide:
+    """Return a linear axis with waves along it: of a period, m, sine and cosine part, N; below noise of 1 N.
+
+    Another record of the same axis where one is given, its positions counted from another zero.
+    """
     rng = np.random.default_rng(seed)
     window = np.hanning(41) / np.hanning(41).sum()
     v = np.convolve(MOTIONS[motion](rng), window, mode="same")
     t = np.arange(v.size) / RATE
     x = np.cumsum(v) / RATE - 0.5 * v / RATE
-    m, F_c, F_v = rng.uniform(2.0, 20.0), rng.uniform(3.0, 15.0), rng.uniform(2.0, 30.0)
+    drawn = rng.uniform(2.0, 20.0), rng.uniform(3.0, 15.0), rng.uniform(2.0, 30.0)
+    m, F_c, F_v = of.true.values() if of else drawn
     force = m * np.gradient(v, t) + F_c * np.sign(v) + F_v * v
     for period, (sine, cosine) in waves.items():
         force += sine * np.sin(2.0 * np.pi * x / period) + cosine * np.cos(2.0 * np.pi * x / period)
-    log = Log({"t": t, "theta": np.round(x, 6), "torque": force + rng.normal(size=v.size)}, motion="linear")
+    log = Log({"t": t, "theta": np.round(x + zero, 6), "torque": force + rng.normal(size=v.size)}, motion="linear")
     effects = [{"id": "coulomb", "F_c": 0.8 * F_c}, {"id": "viscous", "F_v": 1.2 * F_v}]
     motor = {"J": 1.05 * m, "K_t": 30.0}
     design = Design.from_dict({"name": "slide", "motion": "linear", "motor": motor, "effects": effects})

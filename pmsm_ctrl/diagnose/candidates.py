@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import LogView, Search
 from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.evidence.waves import highest_over_position, strongest_periods
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.residuals.orders import order_spectrum
-from pmsm_ctrl.residuals.waves import highest_over_position, strongest_periods
 
 __all__ = ["Candidate", "candidates_for", "offered_effects"]
 
@@ -109,7 +109,7 @@ def candidates_for(
         used = record.weight[0] * record.mask > 0.0
         theta, omega = (record.at_grid(record.signals[name])[used] for name in ("theta", "omega"))
         values = (residual * record.weight[0] ** 2)[used]
-        return strongest_periods(values, theta, highest_over_position(theta, omega, record.cutoff), number)
+        return strongest_periods([(values, theta)], highest_over_position(theta, omega, record.cutoff), number)
 
     view = LogView(record, residual, orders, periods)
     present = set(present)

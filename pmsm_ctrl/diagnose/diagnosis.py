@@ -38,6 +38,7 @@ from pmsm_ctrl.diagnose.events import events_of
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
+from pmsm_ctrl.diagnose.held_out import made_alike
 from pmsm_ctrl.diagnose.late import begun_late, better_late, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
@@ -59,11 +60,10 @@ from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.plausibility.late_steps import moved_by_its_steps
-from pmsm_ctrl.regression.balances import STANDSTILL, Record
+from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects
-from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
+from pmsm_ctrl.regression.conditioning import default_cutoff
 from pmsm_ctrl.regression.encoder_lines import LINES
-from pmsm_ctrl.regression.evaluated import sampled_alike
 from pmsm_ctrl.regression.fast_orders import WIDEST, beyond_band, orders_beyond
 from pmsm_ctrl.regression.joining import name_of as name_of_log
 from pmsm_ctrl.regression.made import Made, for_design
@@ -484,10 +484,8 @@ def condition(
         held_out = doubts_about(design, holdout)
         if first is not None and believed.lag > 0.0 and believed.logged is None:
             held_out = held_out.as_logged  # as the log is judged
-        same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, holdout.rate / 8.0))
-        other = sampled_alike(design, held_out.log, same, record)
-        # whatever it is made of, nothing is fitted to it
-        others.append(replace(other, records=(), weighing=None))
+        zero = first.holdouts[len(others)].shifts if first is not None else None
+        others.append(made_alike(design, held_out.log, record, zero))
         remarks += map(of_holdout, held_out.notices)
     names = tuple(name_of_log(one, number) for number, one in enumerate(holdouts, start=1))
     again = partial(condition, design, log, holdouts, offered, policy, made)

@@ -28,7 +28,14 @@ from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.model import LOAD_SCALE
 from pmsm_ctrl.regression.prediction import errors
-from pmsm_ctrl.regression.record_result import RecordResult, errors_of, own_rows, record_notices, record_spreads
+from pmsm_ctrl.regression.record_result import (
+    RecordResult,
+    errors_of,
+    own_rows,
+    record_notices,
+    record_spreads,
+    zero_of,
+)
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -121,9 +128,10 @@ def _records(case: Case, selection: Selection) -> tuple[RecordResult, ...]:
         name, rate = case.holdout_names[number], holdout.prepared.rate
         rows.append(
             RecordResult(
-                name, True, holdout.duration, rate, found[0], found[1], level_before=found[2], level_after=found[3]
+                name, True, holdout.duration, rate, found[0], found[1], angle=zero_of(holdout, 0),
+                level_before=found[2], level_after=found[3],
             )
-        )
+        )  # fmt: skip
     return tuple(rows)
 
 

@@ -14,9 +14,8 @@ from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Structure
 from pmsm_ctrl.evidence.linalg import factored
+from pmsm_ctrl.evidence.waves import FINER, PASSED, PERIODS, highest_over_position, spectrum_over
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.residuals import policy as residuals
-from pmsm_ctrl.residuals.waves import FINER, PERIODS, highest_over_position, spectrum_over
 
 __all__ = ["single_wave"]
 
@@ -95,4 +94,4 @@ def _line(values: Array, place: Array, extent: float, number: float) -> float:
 
 
 def _highest_over_time(record: Record) -> float:
-    return residuals.PASSED * record.cutoff
+    return PASSED * record.cutoff

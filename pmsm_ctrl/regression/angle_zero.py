@@ -1,57 +1,115 @@
-"""Records whose angles were counted from different zeros, brought to one: waves of a turn tell how far they are apart.
+"""Records whose positions were counted from different zeros, brought to one by what repeats with the position.
 
 An encoder without an index, or a drive that sets its position to zero at power-up, gives every record its own zero, and
 so does the integral of a speed that has no angle beside it.
-What depends on the angle (cogging, unbalance, ripple) has then another phase in each. The waves that stand out from the
-residual of the base model are matched, those that keep their phase within each record: a wave that the loops answer, or
-an error of the encoder, turns with the speed and tells nothing of a zero.
+What depends on the position (cogging, unbalance, ripple, a detent force) has then another phase in each. A rotary axis
+has waves of a turn, of whole orders; the periods of a linear one are those that stand out over its position.
+The waves that stand out from the residual of the base model are matched, those that keep their phase within each
+record: a wave that the loops answer, or an error of the encoder, turns with the speed and tells nothing of a zero.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.tests import holm
+from pmsm_ctrl.evidence.waves import highest_over_position, strongest_periods
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.base_fit import Estimated
 from pmsm_ctrl.regression.records import members
 
-__all__ = ["turned_by", "with_common_zero"]
+__all__ = ["Source", "turned_by", "with_common_zero", "with_zero_of"]
 
 Array = NDArray[np.float64]
 
-HIGHEST, KEPT = 96, 6  # orders of a turn that are looked for, and the largest that are matched
-PERIODS = 3.0  # of an order that a record must hold
+HIGHEST, KEPT = 96, 6  # orders of a turn that are looked for, and how many waves are matched at most
+PERIODS = 3.0  # of a wave that a record must hold
 SURE = 0.01  # significance, of a wave and of a zero that differs, over all that is looked for
 # Share of what a wave explains in a half of a record that it has to explain as the other half has it, and of what it
 # explains with a phase of its own in each record that one zero has to.
 AGREE = 0.7
 LEAST = 0.05  # share of what the base model leaves over that a wave has to explain
-STEPS = 64  # of the angle in a period of the highest order
-AT_ONCE = 16  # orders whose columns are filtered together
+STEPS = 64  # of the position in the shortest period
+AT_ONCE = 16  # waves whose columns are filtered together
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A record, and what its base model leaves over of the torque.
+
+    Attributes
+    ----------
+    record : Record
+    residual : array, shape (m,)
+    whitener : Whitener
+    parts : bool array, shape (parts, m)
+        Samples that have one zero.
+    """
+
+    record: Record
+    residual: Array
+    whitener: Whitener
+    parts: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, record: Record, fit: Estimated) -> Source:
+        """Return a record with what its base model leaves over, all samples with one zero.
+
+        Parameters
+        ----------
+        record : Record
+        fit : Estimated
+        """
+        left = record.target[0] - fit.weighted.predicted()[0]
+        return cls(record, left, fit.whitener, np.ones((1, len(left)), dtype=bool))
+
+    def pieces(self, numbers: Array) -> Iterator[tuple[Array, Array, float]]:
+        """Yield of each part cosine and sine of the waves, shape (2 n, k), the residual, and the way, rad (m).
+
+        Parameters
+        ----------
+        numbers : array, shape (n,)
+            As in `_Waves`.
+        """
+        theta, columns = self.record.signals["theta"], []
+        for start in range(0, len(numbers), AT_ONCE):
+            some = numbers[start : start + AT_ONCE, None] * theta
+            both = np.stack([np.cos(some), np.sin(some)], axis=1).reshape(-1, len(theta))
+            columns.append(self.whitener.part(0, self.record.prepared.columns(both)))
+        rows, left = np.concatenate(columns), self.whitener.part(0, self.residual)
+        for here in self.parts:
+            inside = here[self.whitener.used]
+            way = float(np.sum(np.abs(np.diff(self.record.at_grid(theta)[here & self.record.mask]))))
+            yield rows[:, inside], left[inside], way
 
 
 @dataclass(frozen=True, eq=False)
 class _Waves:
-    """What each record tells of the waves of some orders, cosine and sine of each in turn.
+    """What each record tells of some waves, cosine and sine of each in turn.
 
     Attributes
     ----------
-    orders : array, shape (n,)
+    numbers : array, shape (n,)
+        Radians of each wave in a radian of the axis (a metre).
+    common : float
+        Way after which all repeat, rad; the longest period of a linear axis, m.
     information : array, shape (records, 2 n, 2 n)
     along : array, shape (records, 2 n)
     """
 
-    orders: Array
+    numbers: Array
+    common: float
     information: Array
     along: Array
 
     def turned(self, record: int, angle: float) -> tuple[Array, Array]:
-        """Return information and product of one record with this angle, rad, added to its own."""
-        c, s = np.cos(self.orders * angle), np.sin(self.orders * angle)
+        """Return information and product of one record with this angle, rad (m), added to its own."""
+        c, s = np.cos(self.numbers * angle), np.sin(self.numbers * angle)
         back = np.zeros((2 * len(c),) * 2)
         even = 2 * np.arange(len(c))
         # cos(n (x + a)) = c cos - s sin, sin(n (x + a)) = s cos + c sin
@@ -60,23 +118,37 @@ class _Waves:
         return back @ self.information[record] @ back.T, back @ self.along[record]
 
 
-def with_common_zero(record: Record, residual: Array, whitener: Whitener) -> Record:
-    """Return the record with the angles of its records counted from one zero, where the waves of a turn tell it.
+def with_common_zero(source: Source) -> Record:
+    """Return the record with the positions of its records counted from one zero, where waves along them tell it.
 
     Parameters
     ----------
-    record : Record
-    residual : array, shape (m,)
-        Of the torque balance.
-    whitener : Whitener
+    source : Source
     """
-    if len(record.records) < 2 or record.linear:
+    record = source.record
+    if len(record.records) < 2:
         return record
-    waves = _waves(record, residual, whitener)
-    if waves is None:
-        return record
-    shifts = _matched(waves)
-    return turned_by(record, tuple(shifts)) if any(shift for shift, _ in shifts) else record
+    shifts = _shifts([replace(source, parts=members(record))])
+    return turned_by(record, shifts) if any(shift for shift, _ in shifts) else record
+
+
+def with_zero_of(other: Source, like: Source) -> Record:
+    """Return another record with its position counted from the zero of a first one, where waves along both tell it.
+
+    Parameters
+    ----------
+    other, like : Source
+    """
+    shifts = _shifts([like, other], first=0)[1:]
+    return turned_by(other.record, shifts) if any(shift for shift, _ in shifts) else other.record
+
+
+def _shifts(sources: Sequence[Source], first: int | None = None) -> tuple[tuple[float, float], ...]:
+    """Return what has to be added to the position of every part of these, and its standard error, rad (m)."""
+    if not all("theta" in one.record.signals for one in sources):
+        return ()
+    waves = _along_a_line(sources) if sources[0].record.linear else _of_a_turn(sources)
+    return () if waves is None else tuple(_matched(waves, first))
 
 
 def turned_by(record: Record, shifts: tuple[tuple[float, float], ...]) -> Record:
@@ -86,38 +158,57 @@ def turned_by(record: Record, shifts: tuple[tuple[float, float], ...]) -> Record
     ----------
     record : Record
     shifts : tuple of (float, float)
-        What is added, and its standard error, rad.
+        What is added, and its standard error, rad (m).
+
+    Returns
+    -------
+    Record
     """
-    theta = record.signals["theta"].copy()
-    for k, one in enumerate(record.records):
+    theta = record.signals["theta"] + shifts[0][0]
+    for k, one in enumerate(record.records[1:], start=1):
         first = int(np.searchsorted(record.prepared.t, one.start - 0.5 * record.period))
-        theta[first:] += shifts[k][0] - (shifts[k - 1][0] if k else 0.0)
+        theta[first:] += shifts[k][0] - shifts[k - 1][0]
     prepared = replace(record.prepared, signals={**record.prepared.signals, "theta": theta})
     signals = {**record.signals, "theta": theta}
     return replace(record, prepared=prepared, signals=signals, shifts=shifts, memo={}, kept={})
 
 
-def _waves(record: Record, residual: Array, whitener: Whitener) -> _Waves | None:
-    """Return the waves that stand out, each record with a phase of its own; None where none does."""
-    theta = record.signals["theta"]
-    inside = members(record)[:, whitener.used]
-    travel = [float(np.sum(np.abs(np.diff(record.at_grid(theta)[here & record.mask])))) for here in members(record)]
-    rest = whitener.part(0, residual)
-    orders = np.arange(1, HIGHEST + 1)
-    columns = []
-    for start in range(0, HIGHEST, AT_ONCE):
-        some = orders[start : start + AT_ONCE, None] * theta
-        both = np.stack([np.cos(some), np.sin(some)], axis=1).reshape(-1, len(theta))
-        columns.append(whitener.part(0, record.prepared.columns(both)))
-    rows = np.concatenate(columns)
+def _of_a_turn(sources: Sequence[Source]) -> _Waves | None:
+    """Return the waves of a turn that stand out; None where none does."""
+    best = _standing_out(sources, np.arange(1.0, HIGHEST + 1.0), HIGHEST)
+    if best is None:
+        return None
+    return _Waves(best[0], 2.0 * np.pi / float(np.gcd.reduce(best[0].astype(np.int64))), *best[1:])
+
+
+def _along_a_line(sources: Sequence[Source]) -> _Waves | None:
+    """Return the waves along a linear axis that stand out; None where none does."""
+    parts, highest = [], 0.0
+    for one in sources:
+        record = one.record
+        used = record.weight[0] * record.mask > 0.0
+        theta, omega = (record.at_grid(record.signals[name]) for name in ("theta", "omega"))
+        weighted = one.residual * record.weight[0] ** 2
+        parts += [(weighted[here & used], theta[here & used]) for here in one.parts]
+        highest = max(highest, highest_over_position(theta[used], omega[used], record.cutoff))
+    periods, possible = strongest_periods(parts, highest, KEPT)
+    best = _standing_out(sources, 2.0 * np.pi / periods, possible) if len(periods) else None
+    return None if best is None else _Waves(best[0], 2.0 * np.pi / float(best[0].min()), *best[1:])
+
+
+def _standing_out(sources: Sequence[Source], numbers: Array, possible: int) -> tuple[Array, Array, Array] | None:
+    """Return the waves that stand out, each part with a phase of its own; None where none does.
+
+    Numbers, information and product as in `_Waves`. These waves are the strongest of so many possible ones.
+    """
+    pieces = [piece for one in sources for piece in one.pieces(numbers)]
     p_values, steady = [], []
-    for k, order in enumerate(orders.tolist()):
+    for k, number in enumerate(numbers.tolist()):
         gain, apart, told, left_over, count = 0.0, 0.0, 0.0, 0.0, 0
-        for here, way in zip(inside, travel, strict=True):
-            if way * order < PERIODS * 2.0 * np.pi:
+        for rows, left, way in pieces:
+            if way * number < PERIODS * 2.0 * np.pi:
                 continue
-            own, left = rows[2 * k : 2 * k + 2, here], rest[here]
-            half = len(left) // 2
+            own, half = rows[2 * k : 2 * k + 2], len(left) // 2
             halves = [
                 (own[:, part] @ own[:, part].T, own[:, part] @ left[part]) for part in (slice(half), slice(half, None))
             ]
@@ -126,7 +217,7 @@ def _waves(record: Record, residual: Array, whitener: Whitener) -> _Waves | None
             told += _foretold(*halves) + _foretold(*halves[::-1])
             left_over += float(left @ left)
             count += 2
-        p_values.append(_tail(gain, count))
+        p_values.append(min(_tail(gain, count) * possible / len(numbers), 1.0))
         steady.append(told > AGREE * (apart - 2 * count) and gain - count > LEAST * left_over)
     sure = np.flatnonzero((np.array(holm(p_values)) < SURE) & steady)
     if len(sure) == 0:
@@ -134,10 +225,9 @@ def _waves(record: Record, residual: Array, whitener: Whitener) -> _Waves | None
     best = sure[np.argsort(np.array(p_values)[sure], kind="stable")][:KEPT]
     best.sort()
     chosen = np.ravel([[2 * k, 2 * k + 1] for k in best.tolist()])
-    own = rows[chosen]
-    information = np.array([own[:, here] @ own[:, here].T for here in inside])
-    along = np.array([own[:, here] @ rest[here] for here in inside])
-    return _Waves(orders[best].astype(np.float64), information, along)
+    information = np.array([rows[chosen] @ rows[chosen].T for rows, _, _ in pieces])
+    along = np.array([rows[chosen] @ left for rows, left, _ in pieces])
+    return numbers[best], information, along
 
 
 def _tail(gain: float, count: int) -> float:
@@ -146,20 +236,22 @@ def _tail(gain: float, count: int) -> float:
     return float(chdtrc(count, gain)) if count else 1.0
 
 
-def _matched(waves: _Waves) -> list[tuple[float, float]]:
-    """Return the angle to add to each record, and its standard error: record by record, beside those matched before."""
+def _matched(waves: _Waves, first: int | None) -> list[tuple[float, float]]:
+    """Return the angle to add to each record, and its standard error: record by record, beside those matched before.
+
+    Nothing is added to the first one, that which tells most where none is given.
+    """
     from scipy.special import chdtri
 
     count = len(waves.along)
     strength = [_explained(waves.information[k], waves.along[k]) for k in range(count)]
-    first = int(np.argmax(strength))
+    first = int(np.argmax(strength)) if first is None else first
     shifts = [(0.0, 0.0)] * count
     information, along = waves.information[first].copy(), waves.along[first].copy()
-    period = 2.0 * np.pi / float(np.gcd.reduce(waves.orders.astype(np.int64)))
-    highest = float(waves.orders.max())
-    steps = max(STEPS, round(STEPS * highest * period / (2.0 * np.pi)))
-    grid = period * (np.arange(steps) - steps // 2) / steps
-    asked = float(chdtri(1, SURE / (count * 2.0 * highest)))
+    shortest = 2.0 * np.pi / float(waves.numbers.max())
+    steps = round(STEPS * waves.common / shortest)
+    grid = waves.common * (np.arange(steps) - steps // 2) / steps
+    asked = float(chdtri(1, SURE / (count * 2.0 * waves.common / shortest)))
     for k in np.argsort(strength)[::-1].tolist():
         if k == first:
             continue

@@ -78,7 +78,7 @@ EQUAL_STEPS = Template(
     "equal_steps",
     "time stamps jitter by up to {jitter:.1f} % of a period, the motion does not: equal sampling intervals are used",
 )
-OTHER_ZERO = Template("other_zero", "the angle has a different zero in {records}: the records were aligned")
+OTHER_ZERO = Template("other_zero", "the position has a different zero in {records}: the records were aligned")
 RECORD_DISAGREES = Template(
     "record_disagrees",
     "inertia or friction differs from that of the other records by more than their spread: {records} (p = {p:.2g}); "

@@ -55,14 +55,14 @@ def records_table(rows: Sequence[RecordResult], drive: str, before: str = "befor
 
 def _cells(row: RecordResult) -> list[str]:
     name = f"{row.name} (held out)" if row.held_out else row.name
-    own = [row.deviations.get(symbol) for symbol in SYMBOLS]
+    own, zero = [row.deviations.get(symbol) for symbol in SYMBOLS], row.angle
     return [
         name,
         f"{row.duration:.3g} s",
         f"{number(row.rate, 4)} Hz",
         *(_relative(errors) for errors in (row.before, row.after, row.level_before, row.level_after)),
         *(with_error(one.value, one.stderr, one.unit) if one is not None else "" for one in own),
-        with_error(row.angle.value, row.angle.stderr, "rad") if row.angle is not None and row.angle.value else "",
+        with_error(zero.value, zero.stderr, zero.unit) if zero is not None and zero.value else "",
         "" if math.isnan(row.p_value) else probability(row.p_value),
     ]
 

@@ -19,7 +19,16 @@ from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["Errors", "RecordResult", "RecordSpread", "errors_of", "own_rows", "record_notices", "record_spreads"]
+__all__ = [
+    "Errors",
+    "RecordResult",
+    "RecordSpread",
+    "errors_of",
+    "own_rows",
+    "record_notices",
+    "record_spreads",
+    "zero_of",
+]
 
 Array = NDArray[np.float64]
 Errors = Mapping[str, Mapping[str, Any]]  # balance -> rms, unit, relative
@@ -44,7 +53,7 @@ class RecordResult:
     deviations : dict of symbol to Estimate
         Of its dry friction, viscous friction and constant torque from the mean over the records.
     angle : Estimate or None
-        What has to be added to its angle, rad, for the zero of all records.
+        What has to be added to its position, rad (m), for the zero of all records.
     p_value : float
         That it shares inertia and friction with the others, their spread allowed for; corrected for the number of
         records.
@@ -120,10 +129,25 @@ def own_rows(
     rows = []
     for k, (one, here) in enumerate(zip(record.records, members(record), strict=True)):
         before, after = (errors_of(record, left, here) for left in residuals)
-        angle = Estimate(record.shifts[k][0], "rad", record.shifts[k][1]) if record.shifts and record.angle else None
         own = _deviations(levels, k, record.prepared.motion)
-        rows.append(RecordResult(one.name, False, one.duration, one.rate, before, after, own, angle, p_values[k]))
+        rows.append(
+            RecordResult(one.name, False, one.duration, one.rate, before, after, own, zero_of(record, k), p_values[k])
+        )
     return rows
+
+
+def zero_of(record: Record, number: int) -> Estimate | None:
+    """Return what was added to the position of one of its records; None where one zero serves all, or it has none.
+
+    Parameters
+    ----------
+    record : Record
+    number : int
+    """
+    if not (record.shifts and record.angle):
+        return None
+    value, stderr = record.shifts[number]
+    return Estimate(value, axis_unit("rad", record.prepared.motion), stderr)
 
 
 def _deviations(levels: Levels, k: int, motion: str) -> dict[str, Estimate]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.angle_zero import turned_by, with_common_zero
+from pmsm_ctrl.regression.angle_zero import Source, turned_by, with_common_zero
 from pmsm_ctrl.regression.balances import ALWAYS, STANDSTILL, USABLE, Record
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit, error_left, settled_model
@@ -318,7 +318,7 @@ def of_one_axis(design: Design, record: Record, made: Made | None = None) -> Rec
         return turned_by(weighed, tuple(made.zeros))
     if weighed is not record:
         fit = base_fit(design, weighed)
-    turned = with_common_zero(weighed, weighed.target[0] - fit.weighted.predicted()[0], fit.whitener)
+    turned = with_common_zero(Source.of(weighed, fit))
     if made is not None:
         made.zeros[:] = turned.shifts
     return turned

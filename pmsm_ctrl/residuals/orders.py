@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.linalg import factored
+from pmsm_ctrl.evidence.waves import PASSED
 from pmsm_ctrl.regression.conditioning import Prepared
 from pmsm_ctrl.residuals import policy
 
@@ -107,7 +108,7 @@ def _waves_of(
     slow = np.flatnonzero(mask)[np.argsort(omega[mask], kind="stable")]
     omega, angle = omega[slow], theta[slow]
     orders = np.arange(1, highest + 1)
-    counts = np.searchsorted(omega, 2.0 * np.pi * prepared.cutoff * policy.PASSED / orders)
+    counts = np.searchsorted(omega, 2.0 * np.pi * prepared.cutoff * PASSED / orders)
     travelled = np.cumsum(omega / prepared.thinned_rate)
     seen = counts >= max(policy.FEWEST, 1)
     seen[seen] = orders[seen] * travelled[counts[seen] - 1] >= 4.0 * np.pi

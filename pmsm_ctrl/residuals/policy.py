@@ -42,8 +42,8 @@ PLAY = 3.0
 
 # Highest mechanical order that is looked for, and most orders that are named.
 HIGHEST_ORDER, MOST_ORDERS = 120, 4
-# An order is judged where it lies below this share of the cutoff, from this many samples.
-PASSED, FEWEST = 0.8, 100
+# Samples from which an order is judged, at least.
+FEWEST = 100
 # Periods of an order that are seen at different angles of a turn, at least, where not all samples are slow enough for
 # it: fewer are any smooth function.
 PERIODS = 2

@@ -1,21 +1,21 @@
-"""Waves of a residual over time, or over the position of a linear axis."""
+"""Waves of a signal over time, or over the position of a linear axis."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.residuals import policy
-
-__all__ = ["FINER", "PERIODS", "highest_over_position", "spectrum_over", "strongest_periods"]
+__all__ = ["FINER", "PASSED", "PERIODS", "highest_over_position", "spectrum_over", "strongest_periods"]
 
 Array = NDArray[np.float64]
 
 PERIODS = 4  # fewest of a wave
 FINER = 4  # waves that are looked at, per wave that the log can tell apart
 BINS = 8  # per period of the shortest wave
+PASSED = 0.8  # of the cutoff: a low-pass leaves a wave below it
 
 
 def spectrum_over(values: Array, place: Array, extent: float, highest: float) -> Array:
@@ -53,18 +53,18 @@ def highest_over_position(theta: Array, omega: Array, cutoff: float) -> float:
     """
     if not len(theta):
         return 0.0
-    passed = policy.PASSED * cutoff / max(float(np.median(np.abs(omega))), 1e-12)
+    passed = PASSED * cutoff / max(float(np.median(np.abs(omega))), 1e-12)
     return min(passed, 0.5 * len(theta) / max(float(np.ptp(theta)), 1e-12))
 
 
-def strongest_periods(values: Array, place: Array, highest: float, number: int) -> tuple[Array, int]:
+def strongest_periods(parts: Sequence[tuple[Array, Array]], highest: float, number: int) -> tuple[Array, int]:
     """Return the periods of the strongest waves over a position, strongest first, and how many waves there can be.
 
     Parameters
     ----------
-    values : array, shape (m,)
-        Of the samples that count, weighted.
-    place : array, shape (m,)
+    parts : sequence of (array, array)
+        Values of the samples that count, weighted, and the position of each, m: of every part of a log in which a wave
+        may have a phase of its own.
     highest : float
         Waves per m.
     number : int
@@ -75,12 +75,15 @@ def strongest_periods(values: Array, place: Array, highest: float, number: int) 
     (array, int)
         m; none where fewer than `PERIODS` waves lie within the extent.
     """
-    extent = float(np.ptp(place)) if place.size else 0.0
+    extent = max((float(np.ptp(place)) for _, place in parts if place.size), default=0.0)
     if extent <= 0.0 or highest * extent <= PERIODS:
         return np.zeros(0), 0
-    power = spectrum_over(values, place - place.min(), extent, highest)
+    powers = [spectrum_over(values, place - place.min(), extent, highest) for values, place in parts if place.size]
+    power = np.sum(powers, axis=0)
     inner = power[1:-1]
     peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
     peaks = peaks[peaks >= PERIODS * FINER]
     best = peaks[np.argsort(power[peaks])[::-1][:number]]
-    return FINER * extent / best, max(int(highest * extent) - PERIODS, 1)
+    left, middle, right = power[best - 1], power[best], power[best + 1]
+    between = 0.5 * (left - right) / (left - 2.0 * middle + right)  # top of a parabola
+    return FINER * extent / (best + between), max(int(highest * extent) - PERIODS, 1)
