@@ -456,3 +456,9 @@ class Evaluated(Part):
         default=(), description="stretches in which something happened once, begin and end in s"
     )
     changes: tuple[Finite, ...] = Field(default=(), description="times from which on the dry friction is another, s")
+    counts: tuple[tuple[Finite, ...], ...] = Field(
+        default=(), description="by which the weights of each record were multiplied, for each balance"
+    )
+    zeros: tuple[tuple[Finite, NonNegative], ...] = Field(
+        default=(), description="what was added to the position of each record, and its standard error, rad (m)"
+    )

@@ -20,15 +20,16 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.log import Log, Logs, Span, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
-from pmsm_ctrl.regression.balances import STANDSTILL
+from pmsm_ctrl.regression.angle_zero import from_one_zero, turned_by
 from pmsm_ctrl.regression.balances import Record as Balances
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, in_time
-from pmsm_ctrl.regression.evaluated import record_as_evaluated, sampled_alike
+from pmsm_ctrl.regression.evaluated import record_as_evaluated
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import parts_of
+from pmsm_ctrl.regression.one_axis import other_record, sampled_alike
 from pmsm_ctrl.regression.prediction import Prediction, predict
-from pmsm_ctrl.regression.record_result import RecordResult
+from pmsm_ctrl.regression.record_result import RecordResult, record_notices, zero_of
 from pmsm_ctrl.regression.timing import uniform
 from pmsm_ctrl.residuals.dependence import ResidualStructure, Trace
 from pmsm_ctrl.residuals.predicted import structures, traces_of
@@ -295,8 +296,7 @@ def compare(
     others, notices = [], list(doubted)
     for number, one in enumerate(holdouts, start=1):
         held_out = doubts_about(design, one)
-        same = Processing(standstill=STANDSTILL, cutoff=min(balances.cutoff, one.rate / 8.0))
-        predicted = predict(design, sampled_alike(design, held_out.log, same, balances), prediction)
+        predicted = predict(design, other_record(design, held_out.log, balances), prediction)
         held = _record(design, held_out.log, predicted, partial(_advanced, advance, part, number))
         others.append(replace(held, name=one.provenance.file or "the holdout"))
         of_other = (*map(of_holdout, held_out.notices), *held.notices)
@@ -316,7 +316,10 @@ def _advanced(advance: Callable[[float], None], part: float, done: int, share: f
 def _conditioned(design: Design, log: Log, processing: Processing | None) -> Balances:
     """Return the balances of a log as every fit sees them; in a band that is asked for, sampled as in the usual one."""
     usual = record_as_evaluated(design, log)
-    return usual if processing is None else sampled_alike(design, log, processing, usual)
+    if processing is None:
+        return usual
+    alike = sampled_alike(design, log, processing, usual)
+    return turned_by(alike, usual.shifts) if usual.shifts else alike
 
 
 def _record(design: Design, log: Log, prediction: Prediction, progress: Callable[[float], None]) -> Record:
@@ -327,11 +330,12 @@ def _record(design: Design, log: Log, prediction: Prediction, progress: Callable
     traces, structure = traces_of(prediction), structures(prediction, log, design.J)
     torque = traces["torque"]
     # a simulation is driven by what was sampled with the motion
-    timed = prediction.timing.undone(in_time(design, log))
+    timed = from_one_zero(prediction.timing.undone(in_time(design, log)), balances)
     processing = Processing(cutoff=prepared.cutoff)
     alike = prepare(design, timed, processing)
     simulated, said = _simulated(design, timed, processing, (alike, structure["torque"]), progress)
     beyond = orders_beyond(design, log, prepared.cutoff)
+    rows = tuple(_rows(log, balances, traces))
     return Record(
         name=log.provenance.file or "the given log",
         errors={
@@ -345,11 +349,12 @@ def _record(design: Design, log: Log, prediction: Prediction, progress: Callable
         omega=balances.shaped(balances.signals["omega"]),
         notices=(
             *balances.notes,
+            *record_notices(rows),
             *_not_predicted(prediction),
             *beyond,
             *said,
         ),
-        rows=tuple(_rows(log, prepared, traces)),
+        rows=rows,
         timing=prediction.timing,
     )
 
@@ -363,14 +368,15 @@ def _not_predicted(prediction: Prediction) -> Iterator[Notice]:
         yield NOT_PREDICTED(why=note)
 
 
-def _rows(log: Log, prepared: Prepared, traces: Mapping[str, Trace]) -> Iterator[RecordResult]:
+def _rows(log: Log, balances: Balances, traces: Mapping[str, Trace]) -> Iterator[RecordResult]:
     """Yield the errors of each record, as predicted and with the level of its friction refitted."""
     spans = log.records or (
         Span(log.provenance.file or "the given log", float(log.t[0]), float(log.t[-1]), 0.0, log.rate),
     )
+    prepared = balances.prepared
     signals = (prepared.signals["direction"], prepared.signals["omega"], np.ones(len(prepared.t)))
     level = np.array([prepared.column(values) for values in signals]).T
-    for span in spans:
+    for number, span in enumerate(spans):
         as_predicted, refitted = {}, {}
         for name, trace in traces.items():
             used = trace.mask & (trace.t >= span.start) & (trace.t <= span.stop)
@@ -381,7 +387,10 @@ def _rows(log: Log, prepared: Prepared, traces: Mapping[str, Trace]) -> Iterator
             if name == "torque":
                 left = left - level[used] @ factored(level[used]).solve(left)
             refitted[name] = vars(ChannelError.of(measured, measured - left, trace.unit))
-        yield RecordResult(span.name, False, span.duration, span.rate, as_predicted, {}, level_before=refitted)
+        zero = zero_of(balances, number)
+        yield RecordResult(
+            span.name, False, span.duration, span.rate, as_predicted, {}, angle=zero, level_before=refitted
+        )
 
 
 def _simulated(

@@ -38,7 +38,6 @@ from pmsm_ctrl.diagnose.events import events_of
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
-from pmsm_ctrl.diagnose.held_out import made_alike
 from pmsm_ctrl.diagnose.late import begun_late, better_late, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
@@ -67,6 +66,7 @@ from pmsm_ctrl.regression.encoder_lines import LINES
 from pmsm_ctrl.regression.fast_orders import WIDEST, beyond_band, orders_beyond
 from pmsm_ctrl.regression.joining import name_of as name_of_log
 from pmsm_ctrl.regression.made import Made, for_design
+from pmsm_ctrl.regression.one_axis import other_record
 from pmsm_ctrl.regression.timed_record import timed_record, with_friction
 from pmsm_ctrl.result import Verdict
 
@@ -485,7 +485,7 @@ def condition(
         if first is not None and believed.lag > 0.0 and believed.logged is None:
             held_out = held_out.as_logged  # as the log is judged
         zero = first.holdouts[len(others)].shifts if first is not None else None
-        others.append(made_alike(design, held_out.log, record, zero))
+        others.append(other_record(design, held_out.log, record, zero))
         remarks += map(of_holdout, held_out.notices)
     names = tuple(name_of_log(one, number) for number, one in enumerate(holdouts, start=1))
     again = partial(condition, design, log, holdouts, offered, policy, made)

@@ -10,42 +10,12 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.contributions import Contributions, parts_of
 from pmsm_ctrl.diagnose.fit import Elsewhere, Fitted, predicted_elsewhere
-from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.angle_zero import Source, turned_by, with_zero_of
-from pmsm_ctrl.regression.balances import STANDSTILL, Record
-from pmsm_ctrl.regression.base_fit import base_fit
-from pmsm_ctrl.regression.conditioning import Processing
-from pmsm_ctrl.regression.evaluated import sampled_alike
+from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.spread import spreads, without_level
-from pmsm_ctrl.regression.timed_record import with_friction
 
-__all__ = ["HeldOut", "held_out", "made_alike"]
+__all__ = ["HeldOut", "held_out"]
 
 Array = NDArray[np.float64]
-
-
-def made_alike(design: Design, log: Log, record: Record, zero: tuple[tuple[float, float], ...] | None = None) -> Record:
-    """Condition a held-out log as a record was, its position counted from the zero of the record.
-
-    Parameters
-    ----------
-    design : Design
-    log : Log
-    record : Record
-    zero : tuple of (float, float), optional
-        What has to be added to its position, and its standard error, rad (m), where that was found before.
-
-    Returns
-    -------
-    Record
-    """
-    same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, log.rate / 8.0))
-    # whatever it is made of, nothing is fitted to it but its zero
-    other = replace(sampled_alike(design, log, same, record), records=(), weighing=None)
-    if zero is not None:
-        return turned_by(other, zero) if zero else other
-    whole = with_friction(design)
-    return with_zero_of(*(Source.of(one, base_fit(whole, one)) for one in (other, record)))
 
 
 @dataclass(frozen=True, eq=False)

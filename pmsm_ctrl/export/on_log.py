@@ -10,9 +10,11 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, with_inertia
+from pmsm_ctrl.regression.angle_zero import turned_by
 from pmsm_ctrl.regression.balances import STANDSTILL
 from pmsm_ctrl.regression.conditioning import Processing
-from pmsm_ctrl.regression.evaluated import record_as_evaluated, sampled_alike
+from pmsm_ctrl.regression.evaluated import record_as_evaluated
+from pmsm_ctrl.regression.one_axis import sampled_alike
 from pmsm_ctrl.regression.prediction import predict
 
 __all__ = ["LogErrors", "errors_on_log", "joint_design"]
@@ -79,6 +81,7 @@ def errors_on_log(design: Design, logs: Logs, level: float, slope: float) -> Log
     # the same samples in the same band, sampled in the same way
     same = Processing(standstill=STANDSTILL, cutoff=balances.cutoff)
     alike = sampled_alike(held, log, same, balances)
+    alike = turned_by(alike, balances.shifts) if balances.shifts else alike
     full = predict(design, balances)
     joint = predict(held, alike, full)
     used = balances.mask & alike.mask

@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.evidence.waves import highest_over_position, strongest_periods
 from pmsm_ctrl.evidence.whitening import Whitener
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.base_fit import Estimated
 from pmsm_ctrl.regression.records import members
 
-__all__ = ["Source", "turned_by", "with_common_zero", "with_zero_of"]
+__all__ = ["Source", "from_one_zero", "turned_by", "with_common_zero", "with_zero_of"]
 
 Array = NDArray[np.float64]
 
@@ -164,13 +165,31 @@ def turned_by(record: Record, shifts: tuple[tuple[float, float], ...]) -> Record
     -------
     Record
     """
-    theta = record.signals["theta"] + shifts[0][0]
-    for k, one in enumerate(record.records[1:], start=1):
-        first = int(np.searchsorted(record.prepared.t, one.start - 0.5 * record.period))
-        theta[first:] += shifts[k][0] - shifts[k - 1][0]
+    theta = record.signals["theta"] + _steps(record, shifts, record.prepared.t)
     prepared = replace(record.prepared, signals={**record.prepared.signals, "theta": theta})
     signals = {**record.signals, "theta": theta}
     return replace(record, prepared=prepared, signals=signals, shifts=shifts, memo={}, kept={})
+
+
+def from_one_zero(log: Log, record: Record) -> Log:
+    """Return the log that a record was made of, its positions counted as in the record.
+
+    Parameters
+    ----------
+    log : Log
+    record : Record
+    """
+    if not record.shifts or "theta" not in log:
+        return log
+    return log.with_channels(theta=log["theta"] + _steps(record, record.shifts, log.t))
+
+
+def _steps(record: Record, shifts: tuple[tuple[float, float], ...], t: Array) -> Array:
+    """Return what has to be added to the position at these times, rad (m), shape (n,)."""
+    out = np.full(len(t), shifts[0][0])
+    for k, one in enumerate(record.records[1:], start=1):
+        out[int(np.searchsorted(t, one.start - 0.5 * record.period)) :] = shifts[k][0]
+    return out
 
 
 def _of_a_turn(sources: Sequence[Source]) -> _Waves | None:
@@ -256,7 +275,7 @@ def _matched(waves: _Waves, first: int | None) -> list[tuple[float, float]]:
         if k == first:
             continue
         found = np.array([_gain(waves, k, angle, (information, along)) for angle in grid.tolist()])
-        angle, curvature = _peak(grid, found)
+        angle, curvature = _peak(grid, found, asked)
         best, alone = _gain(waves, k, angle, (information, along)), _explained(information, along)
         matched = best - alone >= AGREE * (strength[k] - len(along))
         if matched and best - _gain(waves, k, 0.0, (information, along)) > asked:
@@ -272,9 +291,15 @@ def _gain(waves: _Waves, record: int, angle: float, others: tuple[Array, Array])
     return _explained(others[0] + own, others[1] + pull)
 
 
-def _peak(grid: Array, found: Array) -> tuple[float, float]:
-    """Return the place of the highest value on a periodic grid, and the curvature there."""
-    k, step = int(np.argmax(found)), float(grid[1] - grid[0])
+def _peak(grid: Array, found: Array, within: float) -> tuple[float, float]:
+    """Return the place of a highest value on a periodic grid, and the curvature there.
+
+    Of peaks that are as high to within a difference, the one nearest to zero.
+    """
+    peaks = np.flatnonzero(
+        (found >= np.roll(found, 1)) & (found >= np.roll(found, -1)) & (found > found.max() - within)
+    )
+    k, step = int(peaks[np.argmin(np.abs(grid[peaks]))]), float(grid[1] - grid[0])
     left, middle, right = found[k - 1], found[k], found[(k + 1) % len(found)]
     bent = float(left - 2.0 * middle + right)
     off = 0.5 * float(left - right) / bent if bent < 0.0 else 0.0

@@ -137,7 +137,9 @@ class Record:
     records : tuple of Span
         The records that it was joined from, where there are several.
     shifts : tuple of (float, float)
-        What was added to the angle of each record, and its standard error, rad; empty where one zero serves all.
+        What was added to the position of each record, and its standard error, rad (m); empty where one zero serves all.
+    counts : tuple, shape (channels, records)
+        By which their weights were multiplied for their noise; empty where they count alike.
     wrong : float
         Assumed model error as a share of the torque, by which edges and reversals were weighted.
     edges : float
@@ -182,6 +184,7 @@ class Record:
     turning: float = 0.0
     records: tuple[Span, ...] = ()
     shifts: tuple[tuple[float, float], ...] = ()
+    counts: tuple[tuple[float, ...], ...] = ()
     wrong: float = WRONG_TORQUE
     edges: float = 1.0
     left_out: tuple[tuple[float, float], ...] = ()

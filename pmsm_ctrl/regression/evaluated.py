@@ -8,12 +8,14 @@ from dataclasses import replace
 from pmsm_ctrl.design import Design, Evaluated
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.angle_zero import turned_by
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import DriveTiming
-from pmsm_ctrl.regression.timed_record import of_one_axis, timed_record
+from pmsm_ctrl.regression.spread import with_counts
+from pmsm_ctrl.regression.timed_record import timed_record
 
-__all__ = ["as_compared", "record_as_evaluated", "sampled_alike", "with_evaluation", "without_stretches"]
+__all__ = ["as_compared", "record_as_evaluated", "with_evaluation", "without_stretches"]
 
 AROUND = 2.0  # periods of the cutoff that are left out on either side of a stretch
 
@@ -44,6 +46,8 @@ def with_evaluation(design: Design, record: Record, log: Log) -> Design:
         encoder_lines=record.lines,
         left_out=record.left_out,
         changes=record.changes,
+        counts=record.counts,
+        zeros=record.shifts,
     )
     return design.model_copy(update={"evaluated": made})
 
@@ -64,23 +68,9 @@ def record_as_evaluated(design: Design, log: Log) -> Record:
     timing = DriveTiming(known.late, known.filter, reversals=known.reversals, stepped=known.stepped)
     record = make_record(design, log, processing, age, timing, known.weight, known.edges)
     record = without_stretches(replace(record, commanded=known.commanded), known.left_out, known.changes)
-    record = of_one_axis(design, record) if record.records else record
+    record = with_counts(record, known.counts) if known.counts else record
+    record = turned_by(record, known.zeros) if known.zeros else record
     return replace(record, lines=known.encoder_lines, memo={}, kept={})
-
-
-def sampled_alike(design: Design, log: Log, processing: Processing, like: Record) -> Record:
-    """Condition a log as one that was sampled in the same way as that of a record.
-
-    Parameters
-    ----------
-    design : Design
-    log : Log
-        Another one; or the same one, in another band or for another design.
-    processing : Processing
-    like : Record
-    """
-    record = make_record(design, log, processing, like.age_elsewhere, like.timing)
-    return replace(record, commanded=like.commanded)
 
 
 def as_compared(design: Design, record: Record, log: Log) -> Record:

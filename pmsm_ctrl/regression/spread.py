@@ -37,6 +37,7 @@ __all__ = [
     "disagreement",
     "levels_of",
     "spreads",
+    "with_counts",
     "with_mean",
     "with_noise_of_records",
     "with_spread",
@@ -362,16 +363,29 @@ def with_noise_of_records(record: Record, residual: Array) -> Record:
 
     if len(record.records) < 2:
         return record
-    weight = record.weight.copy()
+    counts = np.ones((len(residual), len(record.records)))
     for row, left in enumerate(residual):
         fast = np.abs(left - low_pass(left, record.rate, 0.5 * record.cutoff))
         noise = np.array([_median(fast[here & record.mask]) for here in members(record)])
         known = noise > 0.0
         if not known.any() or np.max(noise[known]) < NOISIER * np.min(noise[known]):
             continue
-        factor = np.where(known, np.min(noise[known]) / np.where(known, noise, 1.0), 1.0)
-        weight[row] *= np.where(members(record).any(axis=0), factor @ members(record), 1.0)
-    return replace(record, weight=weight, memo={}, kept={})
+        counts[row] = np.where(known, np.min(noise[known]) / np.where(known, noise, 1.0), 1.0)
+    return record if np.all(counts == 1.0) else with_counts(record, tuple(map(tuple, counts.tolist())))
+
+
+def with_counts(record: Record, counts: tuple[tuple[float, ...], ...]) -> Record:
+    """Return the record with the samples of each of its records counting differently.
+
+    Parameters
+    ----------
+    record : Record
+    counts : tuple, shape (channels, records)
+        By which the weights are multiplied.
+    """
+    inside = members(record)
+    factors = np.where(inside.any(axis=0), np.array(counts) @ inside, 1.0)
+    return replace(record, weight=record.weight * factors, counts=counts, memo={}, kept={})
 
 
 def _median(values: Sequence[float] | Array) -> float:

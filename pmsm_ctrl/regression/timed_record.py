@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.angle_zero import Source, turned_by, with_common_zero
 from pmsm_ctrl.regression.balances import ALWAYS, STANDSTILL, USABLE, Record
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit, error_left, settled_model
@@ -56,12 +55,12 @@ from pmsm_ctrl.regression.notices import (
     SHOWN_MS,
     TORQUE_EDGES,
 )
+from pmsm_ctrl.regression.one_axis import of_one_axis
 from pmsm_ctrl.regression.sampling_terms import FILTERED
 from pmsm_ctrl.regression.saturated import rough_weights
-from pmsm_ctrl.regression.spread import with_noise_of_records
 from pmsm_ctrl.regression.stepped_reversals import stepped_at_reversals
 
-__all__ = ["FRICTION", "as_possible_command", "of_one_axis", "sampling_of", "timed_record", "with_friction"]
+__all__ = ["FRICTION", "as_possible_command", "sampling_of", "timed_record", "with_friction"]
 
 Array = NDArray[np.float64]
 
@@ -135,7 +134,8 @@ def timed_record(design: Design, log: Log, made: Made | None = None, band: float
     sure = steep(record.weighing.edges(record.wrong))
     record = replace(_with_edges_said(record), weighing=None)  # it holds the log
     if record.records:
-        record = of_one_axis(design, record, made)
+        record = of_one_axis(design, record, tuple(made.zeros) or None)  # they do not hang on the band
+        made.zeros[:] = record.shifts
         fit = base_fit(design, record)
     return _with_filter_said(_with_lines(record, fit, sure))
 
@@ -300,28 +300,6 @@ def _may_be_command(record: Record) -> bool:
     """Whether a drive signal of which nothing is stated may hold what the terms of a command describe."""
     told = record.age is not None or record.sampling_stated or record.commanded
     return not told and emf_winding(record.design) is not None
-
-
-def of_one_axis(design: Design, record: Record, made: Made | None = None) -> Record:
-    """Weigh several records by their noise, and bring their angles to one zero.
-
-    Parameters
-    ----------
-    design : Design
-    record : Record
-    made : Made, optional
-        What was made of the log before: a zero does not hang on the band in which it was found.
-    """
-    fit = base_fit(design, record)
-    weighed = with_noise_of_records(record, record.target - fit.weighted.predicted())
-    if made is not None and made.zeros:
-        return turned_by(weighed, tuple(made.zeros))
-    if weighed is not record:
-        fit = base_fit(design, weighed)
-    turned = with_common_zero(Source.of(weighed, fit))
-    if made is not None:
-        made.zeros[:] = turned.shifts
-    return turned
 
 
 def _weighed(design: Design, record: Record, fit: Estimated) -> tuple[Record, Estimated]:

@@ -37,6 +37,21 @@ def test_a_second_wave_is_named_beside_it(motion: str, seed: int) -> None:
     assert periods == pytest.approx([PERIOD, 0.5 * PERIOD], rel=1e-3)
 
 
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_it_is_named_where_every_record_has_a_zero_of_its_own(seed: int) -> None:
+    waves = {PERIOD: (2.0, 0.0)}
+    one = slide("moves", seed, waves)
+    logs = [one.log, slide("sines", 100 + seed, waves, one, 0.009).log]
+    found = diagnose(one.design, logs, holdout=slide("moves", 200 + seed, waves, one, 0.004).log, plan=False)
+    (step,) = found.steps
+    assert step.effect == "detent_force"
+    assert np.hypot(*(step.parameters[name].value for name in ("a_s", "a_c"))) == pytest.approx(2.0, rel=0.05)
+    assert {notice.code for notice in found.notices} >= {"other_zero"}
+    assert found.records[-1].after["torque"]["rms"] < 0.5 * found.records[-1].before["torque"]["rms"]
+    written = compare(found.design, logs).log.errors["torque"].relative
+    assert written == pytest.approx(found.errors["final"]["torque"]["relative"], rel=1e-6)
+
+
 @pytest.mark.parametrize("motion", ["moves", slow("sines")])
 @pytest.mark.parametrize("seed", seeds(4, 5, 6))
 def test_nothing_is_named_without_one(motion: str, seed: int) -> None:

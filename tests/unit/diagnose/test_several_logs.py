@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pmsm_ctrl import Design
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.track import track
-from tests.unit.several import DESIGN, F_C, J, record, records
+from tests.unit.several import DESIGN, F_C, F_V, J, record, records
 
 OWN = [{"dF_c": 0.002, "offset": 0.002}, {"dF_c": -0.002, "offset": -0.001}, {"offset": -0.002}, {"dF_c": 0.001}]
 FEW = ("cogging", "constant_load", "viscous_asymmetry", "quadratic_drag")
@@ -63,6 +64,54 @@ def test_a_wave_is_found_across_other_zeros_of_the_angle() -> None:
     assert any(row.angle is not None and row.angle.value for row in found.records)
     assert "other_zero" in {notice.code for notice in found.notices}
     assert found.errors["final"]["torque"]["rms"] < 0.3 * 0.004 / np.sqrt(2.0)
+
+
+def test_a_held_out_record_may_have_another_zero() -> None:
+    """Its wave has another phase there: the right effect raised its error, and was refused for it."""
+    logs = records([{"zero": zero} for zero in (0.0, 0.1, 0.2)], wave=0.008)
+    for number in (1, 2):
+        found = diagnose(DESIGN, logs[:number], holdout=logs[number], candidates=FEW, plan=False)
+        assert [step.name for step in found.steps] == ["cogging 8"]
+        row = found.records[-1]
+        assert row.held_out
+        assert row.angle is not None
+        assert row.angle.value == pytest.approx(-0.1 * number, abs=4.0 * row.angle.stderr)
+        assert row.after["torque"]["rms"] < 0.15 * row.before["torque"]["rms"]
+        compared = compare(found.design, logs[:number], holdout=logs[number])
+        assert compared.holdouts[0].errors["torque"].relative == pytest.approx(
+            row.after["torque"]["relative"], rel=0.02
+        )
+
+
+@pytest.mark.parametrize("zeros", [(0.0, 0.1), (0.0, 0.1, 0.2)])
+def test_the_written_design_is_compared_with_the_same_zeros(zeros: tuple[float, ...]) -> None:
+    """A wave that is fitted to all records alike hides their zeros, and what they leave of it is none."""
+    logs = records([{"zero": zero} for zero in zeros], wave=0.008)
+    found = diagnose(DESIGN, logs, candidates=FEW, plan=False)
+    compared = compare(found.design, logs)
+    judged = found.errors["final"]["torque"]["relative"]
+    assert compared.log.errors["torque"].relative == pytest.approx(judged, rel=1e-6)
+    assert [row.angle for row in compared.records] == [row.angle for row in found.records]
+    again = diagnose(found.design, logs, candidates=FEW, plan=False)
+    assert (again.verdict, again.steps) == ("consistent", ())
+    assert again.errors["nominal"]["torque"]["relative"] < 0.01
+    a_s, a_c = (identify(found.design, logs).estimates[name] for name in ("a_s", "a_c"))
+    assert np.hypot(a_s.value, a_c.value) == pytest.approx(0.008, rel=0.02)
+
+
+def test_of_several_zeros_that_of_the_design_is_kept() -> None:
+    """The records are compared with the zero of the one that the waves of the design suit."""
+    logs = records([{"zero": zero, "seconds": seconds} for zero, seconds in ((0.0, 3.0), (0.2, 6.0))], wave=0.008)
+    wave = {"id": "cogging", "a_s": 0.008 * np.cos(1.0), "a_c": 0.008 * np.sin(1.0), "order": 8}
+    design = Design.from_dict({
+        "name": "axis", "motor": {"J": J, "K_t": 1.0},
+        "effects": [{"id": "coulomb", "F_c": F_C}, {"id": "viscous", "F_v": F_V}, wave],
+    })  # fmt: skip
+    compared = compare(design, logs)
+    assert compared.log.errors["torque"].relative < 0.01
+    first, second = (row.angle for row in compared.records if row.angle is not None)
+    assert first.value == 0.0
+    assert second.value == pytest.approx(-0.2, abs=4.0 * second.stderr)
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,11 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.timed_record import timed_record
+from tests.effort import seeds, slow
+from tests.slides import slide
 from tests.unit.several import DESIGN, records
+
+Waves = Mapping[float, tuple[float, float]]  # period, m, to sine and cosine part, N
 
 PERIOD = 2.0 * np.pi / 8.0
 
@@ -33,6 +39,26 @@ def test_other_zeros_are_found_from_the_waves() -> None:
 @pytest.mark.parametrize("wave", [0.0, 0.004])
 def test_one_zero_is_left_alone(wave: float) -> None:
     assert shifts([0.0, 0.0, 0.0], wave) == ()
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+@pytest.mark.parametrize("waves", [{0.024: (2.0, 0.0)}, slow({0.024: (3.0, 0.0), 0.012: (0.8, 1.3)})])
+def test_other_zeros_along_a_line_are_found_from_what_repeats(waves: Waves, seed: int) -> None:
+    one, zeros = slide("moves", seed, waves), np.array([0.0, 0.009, 0.0])
+    logs = [one.log, *(slide("sines", 100 * k + seed, waves, one, zeros[k]).log for k in (1, 2))]
+    found = timed_record(one.design, doubts_about(one.design, logs).log).shifts
+    relative = np.array([shift for shift, _ in found]) + zeros
+    error = (relative - relative[0] + 0.012) % 0.024 - 0.012
+    assert error == pytest.approx(np.zeros(3), abs=4.0 * max(stderr for _, stderr in found))
+    assert all(0.0 < stderr < 5e-4 for shift, stderr in found if shift)
+
+
+@pytest.mark.parametrize("waves", [{}, {0.024: (2.0, 0.0)}])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_one_zero_along_a_line_is_left_alone(waves: Waves, seed: int) -> None:
+    one = slide("moves", seed, waves)
+    logs = [one.log, *(slide("sines", 100 * k + seed, waves, one).log for k in (1, 2))]
+    assert timed_record(one.design, doubts_about(one.design, logs).log).shifts == ()
 
 
 @pytest.mark.parametrize("speed_alone", [False, True])
