@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare.closed_loop import closed_loop
 from pmsm_ctrl.compare.free_run import free_run, whole_run
 from pmsm_ctrl.compare.notices import CHANGES, HOLDOUT_IS_LOG, LEFT_OUT, NOT_PREDICTED, STRUCTURE
+from pmsm_ctrl.compare.other_zero import other_zero
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.compare.verdict import judged
 from pmsm_ctrl.design import Design
@@ -286,10 +287,11 @@ def compare(
     advance(0.1 * part)
     balances = _conditioned(design, believed.log, processing)
     prediction = predict(design, balances)
+    zero = other_zero(design, balances, prediction)
     advance(PREDICTED * part)
     here = _record(design, believed.log, prediction, partial(_advanced, advance, part, 0))
     here = replace(here, name=names_of(logs, "the given log"))
-    verdict, reasons = judged(here.errors["torque"].relative, here.structure, here.ratios, believed)
+    verdict, reasons = judged(here.errors["torque"].relative, here.structure, here.ratios, believed, zero)
     # structure has its own place in a result
     stated = (reason for reason in reasons if reason.code != STRUCTURE.code)
     doubted = tuple(dict.fromkeys((*stated, *believed.notices, *here.notices)))

@@ -10,8 +10,8 @@ from pmsm_ctrl.section import Template
 
 __all__ = [
     "ABOVE_FLOOR", "CHANGES", "CLOSED_LOOP_FAILED", "HOLDOUT_IS_LOG", "LEFT_OUT", "LITTLE_EXPLAINED",
-    "NOT_IN_FREE_RUN", "NOT_PREDICTED",
-    "OBJECTIONS", "STRUCTURE", "coordinate_words", "largest_words", "motion_words", "structure_words",
+    "NOT_IN_FREE_RUN", "NOT_PREDICTED", "OBJECTIONS", "OTHER_ZERO_THAN_DESIGN", "STRUCTURE", "coordinate_words",
+    "largest_words", "motion_words", "structure_words",
 ]  # fmt: skip
 
 NOT_IN_FREE_RUN = Template("not_in_free_run", "{effect} is not part of the free run: {why}")
@@ -29,6 +29,11 @@ CHANGES = Template(
     "from {at:.2f} s on the dry friction is fitted anew, as it was when the design was fitted to this log",
 )
 
+OTHER_ZERO_THAN_DESIGN = Template(
+    "other_zero_than_design",
+    "the position has another zero than the design's waves along it: with {shift:+.3g} {unit} added to it the error "
+    "would be {after:.2f} % instead of {before:.2f} %",
+)
 STRUCTURE = Template("residual_structure", "{channel}: {words}")
 LITTLE_EXPLAINED = Template(
     "little_explained",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compare.comparison import ChannelError, Comparison, Record
-from pmsm_ctrl.compare.notices import OBJECTIONS, largest_words, motion_words, structure_words
+from pmsm_ctrl.compare.notices import OBJECTIONS, STRUCTURE, largest_words, motion_words, structure_words
 from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table, torque_error_name
 from pmsm_ctrl.rendering.numbers import fit, number, percent, probability, with_prefix
@@ -63,7 +63,7 @@ def _whole(records: Iterable[tuple[str, Record]], motion: str) -> Iterator[str]:
     for label, run in ((label, run) for label, record in records for run in record.simulated):
         if math.isfinite(run.fit):
             position, speed = (run.errors[name] for name in ("theta", "omega"))
-            whole = f"Free run of the {run.record or label} over its whole length: "
+            whole = f"Free run of {run.record or f'the {label}'} over its whole length: "
             yield (
                 f"{whole}it drifts away."
                 if run.fit < 0.0
@@ -84,7 +84,8 @@ _VERDICTS = {
 def _verdict(result: Comparison, structure: str) -> str:
     """The verdict in one sentence; what the residual depends on, where that is it."""
     if result.verdict not in _VERDICTS:
-        return structure
+        first = result.reasons[:1]
+        return f"{_capital(first[0].text)}. {structure}" if first and first[0].code != STRUCTURE.code else structure
     return _VERDICTS[result.verdict].format(reason=result.reasons[0].text, structure=structure)
 
 

@@ -16,8 +16,9 @@ __all__ = ["judged"]
 
 
 def judged(
-    relative: float, structure: Mapping[str, ResidualStructure], ratios: Mapping[str, float], believed: Plausibility
-) -> tuple[Verdict, tuple[Notice, ...]]:
+    relative: float, structure: Mapping[str, ResidualStructure], ratios: Mapping[str, float], believed: Plausibility,
+    zero: Notice | None = None,
+) -> tuple[Verdict, tuple[Notice, ...]]:  # fmt: skip
     """Return the verdict of a comparison and its reasons, the likeliest first.
 
     Parameters
@@ -29,11 +30,13 @@ def judged(
         Residual over its noise floor.
     believed : Plausibility
         Of the log.
+    zero : Notice, optional
+        That the position has another zero than the design's.
     """
     if believed.contradictions:
         return Verdict.IMPLAUSIBLE, believed.contradictions
-    found = tuple(_structured(structure))
-    told = {notice.detail["channel"] for notice in found}
+    found = (*([zero] if zero is not None else []), *_structured(structure))
+    told = {notice.detail["channel"] for notice in found if notice is not zero}
     little = tuple(_unlike(relative, {name: ratio for name, ratio in ratios.items() if name not in told}))
     if found:
         return Verdict.UNEXPLAINED, (*found, *little)

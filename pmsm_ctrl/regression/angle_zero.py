@@ -10,7 +10,7 @@ record: a wave that the loops answer, or an error of the encoder, turns with the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.base_fit import Estimated
 from pmsm_ctrl.regression.records import members
 
-__all__ = ["Source", "from_one_zero", "turned_by", "with_common_zero", "with_zero_of"]
+__all__ = ["Source", "from_one_zero", "turned_by", "with_common_zero", "with_zero_of", "zero_of_known"]
 
 Array = NDArray[np.float64]
 
@@ -108,6 +108,17 @@ class _Waves:
     information: Array
     along: Array
 
+    @property
+    def different(self) -> float:
+        """Positions on the common way that the shortest wave tells apart."""
+        return self.common * float(self.numbers.max()) / np.pi
+
+    @property
+    def grid(self) -> Array:
+        """Positions that are tried, rad (m), shape (steps,)."""
+        steps = round(0.5 * STEPS * self.different)
+        return self.common * (np.arange(steps) - steps // 2) / steps
+
     def turned(self, record: int, angle: float) -> tuple[Array, Array]:
         """Return information and product of one record with this angle, rad (m), added to its own."""
         c, s = np.cos(self.numbers * angle), np.sin(self.numbers * angle)
@@ -150,6 +161,44 @@ def _shifts(sources: Sequence[Source], first: int | None = None) -> tuple[tuple[
         return ()
     waves = _along_a_line(sources) if sources[0].record.linear else _of_a_turn(sources)
     return () if waves is None else tuple(_matched(waves, first))
+
+
+def zero_of_known(source: Source, known: Mapping[float, tuple[float, float]]) -> tuple[float, float] | None:
+    """Return what has to be added to a position for known waves to be those of the log; None where nothing has to.
+
+    Parameters
+    ----------
+    source : Source
+        What is left over beside a model without these waves.
+    known : dict of float to (float, float)
+        Radians of each wave in a radian of the axis (a metre), to its cosine and sine part, N m (N).
+
+    Returns
+    -------
+    (float, float) or None
+        What has to be added, and its standard error, rad (m).
+    """
+    from scipy.special import chdtri
+
+    numbers = np.array(sorted(known))
+    ((rows, left, way),) = source.pieces(numbers)
+    if way * numbers[0] < PERIODS * 2.0 * np.pi:
+        return None
+    common = 2.0 * np.pi / float(numbers[0] if source.record.linear else np.gcd.reduce(np.rint(numbers).astype(int)))
+    waves = _Waves(numbers, common, (rows @ rows.T)[None], (rows @ left)[None])
+    size = np.ravel([known[number] for number in numbers.tolist()])
+
+    def gain(angle: float) -> float:
+        own, pull = waves.turned(0, angle)
+        return float(2.0 * size @ pull - size @ own @ size)
+
+    asked, grid = float(chdtri(1, SURE / waves.different)), waves.grid
+    found = np.array([gain(angle) for angle in grid.tolist()])
+    angle, curvature = _peak(grid, found, asked)
+    best = gain(angle)
+    if best < AGREE * _explained(waves.information[0], waves.along[0]) or best - gain(0.0) < asked:
+        return None
+    return angle, float(np.sqrt(2.0 / max(curvature, 1e-300)))
 
 
 def turned_by(record: Record, shifts: tuple[tuple[float, float], ...]) -> Record:
@@ -267,10 +316,7 @@ def _matched(waves: _Waves, first: int | None) -> list[tuple[float, float]]:
     first = int(np.argmax(strength)) if first is None else first
     shifts = [(0.0, 0.0)] * count
     information, along = waves.information[first].copy(), waves.along[first].copy()
-    shortest = 2.0 * np.pi / float(waves.numbers.max())
-    steps = round(STEPS * waves.common / shortest)
-    grid = waves.common * (np.arange(steps) - steps // 2) / steps
-    asked = float(chdtri(1, SURE / (count * 2.0 * waves.common / shortest)))
+    asked, grid = float(chdtri(1, SURE / (count * waves.different))), waves.grid
     for k in np.argsort(strength)[::-1].tolist():
         if k == first:
             continue

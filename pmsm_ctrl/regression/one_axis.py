@@ -5,17 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from math import hypot
 
+import numpy as np
+
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.angle_zero import Source, turned_by, with_common_zero, with_zero_of
+from pmsm_ctrl.regression.angle_zero import Source, turned_by, with_common_zero, with_zero_of, zero_of_known
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.base_fit import base_fit
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.prediction import predict
 from pmsm_ctrl.regression.spread import with_noise_of_records
 
-__all__ = ["of_one_axis", "other_record", "sampled_alike"]
+__all__ = ["of_one_axis", "other_record", "sampled_alike", "zero_of_design"]
+
+POINTS = 16  # of a wave
 
 Zeros = tuple[tuple[float, float], ...]
 
@@ -88,6 +92,48 @@ def sampled_alike(design: Design, log: Log, processing: Processing, like: Record
     """
     record = make_record(design, log, processing, like.age_elsewhere, like.timing)
     return replace(record, commanded=like.commanded)
+
+
+def zero_of_design(design: Design, record: Record) -> tuple[float, float] | None:
+    """Return what has to be added to the position for the waves of the design to be those of the record.
+
+    Nothing of the kind is assumed of a record by itself: its waves may as well be others than the design's.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+
+    Returns
+    -------
+    (float, float) or None
+        With its standard error, rad (m); None where nothing has to be added, or the design has no waves.
+    """
+    known = _waves_of(design)
+    if not known or "theta" not in record.signals:
+        return None
+    return zero_of_known(Source.of(record, base_fit(_without_waves(record.design), record)), known)
+
+
+def _waves_of(design: Design) -> dict[float, tuple[float, float]]:
+    """Return cosine and sine part of the torque's waves that depend on the position alone, N m (N).
+
+    By their number, radians in a radian of the axis (a metre).
+    """
+    effects, p = catalogue_of(design), float(design.motor.p or 1)
+    out: dict[float, tuple[float, float]] = {}
+    for entry in design.effects:
+        effect = effects.get(entry.id)
+        if effect is None or effect.signals != ("theta",) or effect.enters != "torque":
+            continue
+        values = effect.values(entry)
+        number = effect.waves(values, p)
+        phase = 2.0 * np.pi * np.arange(POINTS) / POINTS
+        course = np.array([effect.standing(values, theta=angle / number) for angle in phase.tolist()])
+        parts = np.array([np.cos(phase), np.sin(phase)]) @ course * (2.0 / POINTS)
+        known = out.get(number, (0.0, 0.0))
+        out[number] = (known[0] + float(parts[0]), known[1] + float(parts[1]))
+    return out
 
 
 def _without_waves(design: Design) -> Design:
