@@ -7,6 +7,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.evidence.waves import PASSED
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.residuals import policy
@@ -39,7 +40,7 @@ def test_an_order_that_is_slow_enough_at_few_angles_is_not_judged(seed: int) -> 
     residual = np.sin(ORDER * theta + 0.4) + 0.02 * np.random.default_rng(seed).normal(size=theta.size)
     score = order_spectrum(axis, residual, np.full(theta.size, True), np.ones(theta.size), 600, friction=False)[1]
     assert int(np.argmax(score)) + 1 == ORDER
-    passed = np.abs(axis.signals["omega"][axis.keep]) * 300.0 < 2.0 * np.pi * 40.0 * policy.PASSED
+    passed = np.abs(axis.signals["omega"][axis.keep]) * 300.0 < 2.0 * np.pi * 40.0 * PASSED
     assert np.sum(passed) > policy.FEWEST  # of order 300 enough samples are slow enough, within a seventh of a period
     assert np.all(score[299:] == 0.0)
 
