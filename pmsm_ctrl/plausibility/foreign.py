@@ -22,6 +22,7 @@ from pmsm_ctrl.plausibility.relations import (
     weight_balance,
 )  # fmt: skip
 from pmsm_ctrl.regression.measurement_correction import known_delay
+from pmsm_ctrl.regression.timed_record import SPEED_FILTERS
 from pmsm_ctrl.section import Notice
 
 __all__ = ["foreign_current", "foreign_voltage", "late_channel", "magnitudes", "moved_back", "sensor_offset"]
@@ -50,7 +51,7 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...],
         late = 0.0 if read is None else read[0] - known
     if abs(late) - POLICY.late_errors * slope.stderr <= max(POLICY.late, POLICY.late_periods * log.period):
         return log, (), 0.0
-    if -POLICY.beyond <= late < 0.0 and "theta" not in log:
+    if -2.0 * SPEED_FILTERS[-1] <= late < 0.0 and "theta" not in log:
         return log, (), 0.0  # drives filter a speed: the fits find by how much
     filtered, left, behind = False, fit.left, 0.0
     if late > 0.0 and not known:

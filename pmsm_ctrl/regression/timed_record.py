@@ -60,7 +60,7 @@ from pmsm_ctrl.regression.sampling_terms import FILTERED
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.stepped_reversals import stepped_at_reversals
 
-__all__ = ["FRICTION", "as_possible_command", "sampling_of", "timed_record", "with_friction"]
+__all__ = ["FRICTION", "SPEED_FILTERS", "as_possible_command", "sampling_of", "timed_record", "with_friction"]
 
 Array = NDArray[np.float64]
 
@@ -70,6 +70,7 @@ ROUNDS = 2  # in which the time of sampling is found: what is left then is met t
 EXPANDED = 0.2
 # Angle at the end of the band, rad, beyond which a filter of a log period is no matter of two moments: 600 Hz and less.
 REACHES = 2.0 * EXPANDED
+SPEED_FILTERS = (0.004, 0.008, 0.016, 0.032)  # s: each is within a factor of 1.5 of any between them
 ROUNDS_OF_SPEED = 4  # the filter of a speed is often several periods long
 HALVINGS = 2  # of the default band: 10 Hz still hold the friction of an axis
 BLUE = 0.66  # what half the band leaves of a noise that grows with the frequency; of white noise it leaves 0.7
@@ -178,6 +179,8 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
         record = made.record(design, Processing(standstill=STANDSTILL, cutoff=band))
         fit = base_fit(design, record)
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
+    if record.age is not None:
+        record, fit = _behind_speed_filter(design, made, record, fit)
     for _ in range(ROUNDS_OF_SPEED if record.age is not None else 0):
         age = _age(design, *_plain(design, record, fit))
         if age == record.age:
@@ -194,6 +197,25 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
     if record.age is None and not record.sampling_stated and _is_slow(record):
         record, fit = _by_profile(design, made, record, fit)
     return stepped_at_reversals(design, made, *in_time_at_reversals(design, made, record, fit))
+
+
+def _behind_speed_filter(design: Design, made: Made, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
+    """Return the record and its fit with a filter of the speed undone that is too slow for two moments, if it has one.
+
+    From there on its moments are found as usual.
+    """
+
+    def behind(lag: float) -> tuple[Record, Estimated]:
+        other = made.record(design, Processing(standstill=STANDSTILL, cutoff=record.cutoff), DriveTiming(0.0, lag))
+        return other, base_fit(design, other)
+
+    left = error_left(*_plain(design, record, fit))
+    if _noise(fit) > LOWERED * left:
+        return record, fit  # that is noise already
+    found = [behind(lag) for lag in SPEED_FILTERS]
+    errors = [error_left(*_plain(design, *one)) for one in found]
+    best = int(np.argmin(errors))
+    return found[best] if errors[best] < LOWERED * left else (record, fit)
 
 
 def _age(design: Design, record: Record, fit: Estimated) -> DriveTiming | None:
