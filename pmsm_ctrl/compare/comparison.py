@@ -34,6 +34,7 @@ from pmsm_ctrl.regression.record_result import RecordResult, record_notices, zer
 from pmsm_ctrl.regression.timing import uniform
 from pmsm_ctrl.residuals.dependence import ResidualStructure, Trace
 from pmsm_ctrl.residuals.predicted import structures, traces_of
+from pmsm_ctrl.residuals.single_wave import single_wave
 from pmsm_ctrl.result import Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import drives
@@ -291,7 +292,10 @@ def compare(
     advance(PREDICTED * part)
     here = _record(design, believed.log, prediction, partial(_advanced, advance, part, 0))
     here = replace(here, name=names_of(logs, "the given log"))
-    verdict, reasons = judged(here.errors["torque"].relative, here.structure, here.ratios, believed, zero)
+    wave = single_wave(prediction.record, prediction.residual[0])
+    verdict, reasons = judged(
+        here.errors["torque"].relative, here.structure, here.ratios, believed, zero, wave.notice if wave else None
+    )
     # structure has its own place in a result
     stated = (reason for reason in reasons if reason.code != STRUCTURE.code)
     doubted = tuple(dict.fromkeys((*stated, *believed.notices, *here.notices)))

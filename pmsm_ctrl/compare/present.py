@@ -84,8 +84,9 @@ _VERDICTS = {
 def _verdict(result: Comparison, structure: str) -> str:
     """The verdict in one sentence; what the residual depends on, where that is it."""
     if result.verdict not in _VERDICTS:
-        first = result.reasons[:1]
-        return f"{_capital(first[0].text)}. {structure}" if first and first[0].code != STRUCTURE.code else structure
+        said = [_capital(one.text) + "." for one in result.reasons[:1] if one.code != STRUCTURE.code]
+        curves = not said or any(one.code == STRUCTURE.code for one in result.reasons)
+        return " ".join([*said, structure] if curves else said)
     return _VERDICTS[result.verdict].format(reason=result.reasons[0].text, structure=structure)
 
 

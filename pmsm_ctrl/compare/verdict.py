@@ -17,7 +17,7 @@ __all__ = ["judged"]
 
 def judged(
     relative: float, structure: Mapping[str, ResidualStructure], ratios: Mapping[str, float], believed: Plausibility,
-    zero: Notice | None = None,
+    zero: Notice | None = None, wave: Notice | None = None,
 ) -> tuple[Verdict, tuple[Notice, ...]]:  # fmt: skip
     """Return the verdict of a comparison and its reasons, the likeliest first.
 
@@ -32,11 +32,16 @@ def judged(
         Of the log.
     zero : Notice, optional
         That the position has another zero than the design's.
+    wave : Notice, optional
+        That most of the residual of the torque is a single wave.
     """
     if believed.contradictions:
         return Verdict.IMPLAUSIBLE, believed.contradictions
-    found = (*([zero] if zero is not None else []), *_structured(structure))
-    told = {notice.detail["channel"] for notice in found if notice is not zero}
+    curves = tuple(_structured(structure))
+    told = {notice.detail["channel"] for notice in curves}
+    single = wave if "torque" not in told else None  # a curve says more
+    found = (*(one for one in (zero, single) if one is not None), *curves)
+    told |= {"torque"} if single is not None else set()
     little = tuple(_unlike(relative, {name: ratio for name, ratio in ratios.items() if name not in told}))
     if found:
         return Verdict.UNEXPLAINED, (*found, *little)

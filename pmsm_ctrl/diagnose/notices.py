@@ -41,7 +41,6 @@ __all__ = [
     "RESONANCE_NOT_MEASURED",
     "RESONANCE_NOT_NAMED",
     "RESONANCE_STATED",
-    "SINGLE_WAVE",
     "SLOW_TORQUE",
     "SPEED_FILTERED",
     "SPEED_LAG",
@@ -173,11 +172,6 @@ SLOW_TORQUE = Template(
     "slow_torque",
     "a part of the {balance} balance, {percent:.0f} % of it, changes slowly (over more than {seconds:.2g} s) and "
     "depends on no coordinate of the axis, as a load of the process does; no effect of the catalogue explains it",
-)
-SINGLE_WAVE = Template(
-    "single_wave",
-    "{percent:.0f} % of the residual of the {balance} balance is a single wave over {coordinate} ({period}, "
-    "{amplitude:.2g} {unit}); no effect of the catalogue explains it",
 )
 WINDING_IMPOSSIBLE = Template(
     "winding_impossible",

@@ -22,7 +22,6 @@ from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Structure
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Selection, name_of
-from pmsm_ctrl.diagnose.single_wave import single_wave
 from pmsm_ctrl.effects.structures.interface import drive_path
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.bounds import bounded
@@ -31,9 +30,10 @@ from pmsm_ctrl.regression.model import solve_model
 from pmsm_ctrl.rendering.numbers import with_prefix
 from pmsm_ctrl.residuals.coordinates import Drive, accelerations
 from pmsm_ctrl.residuals.dependence import Dependence, Relevance, Trace, residual_structure
+from pmsm_ctrl.residuals.single_wave import single_wave
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["beside_path", "dependence", "impossible_winding", "resemblance", "slow_torque", "unexplained"]
+__all__ = ["beside_path", "dependence", "impossible_winding", "resemblance", "slow_torque", "unexplained", "wave_left"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -58,7 +58,7 @@ def unexplained(selection: Selection, policy: Policy = POLICY) -> Structure | No
     """
     fit = selection.fit
     found = dependence(selection, policy) or resemblance(selection, policy)
-    return found or impossible_winding(fit, policy) or slow_torque(fit, policy) or single_wave(fit, policy)
+    return found or impossible_winding(fit, policy) or slow_torque(fit, policy) or wave_left(fit)
 
 
 def dependence(selection: Selection, policy: Policy = POLICY) -> Structure | None:
@@ -233,6 +233,20 @@ def impossible_winding(fit: Fitted, policy: Policy = POLICY) -> Structure | None
     curve = _over(record.at_grid(record.signals["i_d" if name == "L_d" else "i_q"]), record, with_it)
     p = math.erfc(float(surely[best]) / math.sqrt(2.0))
     return Structure("current", "A", record.channels[row], max(share, 0.0), p, curve, notice, like)
+
+
+def wave_left(fit: Fitted) -> Structure | None:
+    """Return the single wave that most of what is left of the torque consists of; None where there is none.
+
+    Parameters
+    ----------
+    fit : Fitted
+    """
+    found = single_wave(fit.record, fit.residual[0])
+    if found is None:
+        return None
+    x, wave = found.curve
+    return Structure(found.coordinate, found.unit, "torque", found.share, found.p_value, (x, wave, wave), found.notice)
 
 
 def slow_torque(fit: Fitted, policy: Policy = POLICY) -> Structure | None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FINER", "PASSED", "PERIODS", "highest_over_position", "spectrum_over", "strongest_periods"]
+__all__ = ["FINER", "PASSED", "PERIODS", "highest_over_position", "spectrum_over", "strongest_periods", "tops"]
 
 Array = NDArray[np.float64]
 
@@ -57,6 +57,23 @@ def highest_over_position(theta: Array, omega: Array, cutoff: float) -> float:
     return min(passed, 0.5 * len(theta) / max(float(np.ptp(theta)), 1e-12))
 
 
+def tops(power: Array, peaks: NDArray[np.int64]) -> Array:
+    """Return the places of peaks between the samples of a spectrum, by a parabola through three of them.
+
+    Parameters
+    ----------
+    power : array, shape (n,)
+    peaks : int array, shape (k,)
+        Each at least as high as its neighbours; the ends of the spectrum stay where they are.
+    """
+    inner = np.clip(peaks, 1, max(len(power) - 2, 1))
+    left, middle, right = power[inner - 1], power[inner], power[inner + 1]
+    bent = left - 2.0 * middle + right
+    off = np.divide(0.5 * (left - right), bent, out=np.zeros(len(inner)), where=bent < 0.0)
+    places: Array = peaks + np.where(inner == peaks, off, 0.0)
+    return places
+
+
 def strongest_periods(parts: Sequence[tuple[Array, Array]], highest: float, number: int) -> tuple[Array, int]:
     """Return the periods of the strongest waves over a position, strongest first, and how many waves there can be.
 
@@ -84,6 +101,4 @@ def strongest_periods(parts: Sequence[tuple[Array, Array]], highest: float, numb
     peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
     peaks = peaks[peaks >= PERIODS * FINER]
     best = peaks[np.argsort(power[peaks])[::-1][:number]]
-    left, middle, right = power[best - 1], power[best], power[best + 1]
-    between = 0.5 * (left - right) / (left - 2.0 * middle + right)  # top of a parabola
-    return FINER * extent / (best + between), max(int(highest * extent) - PERIODS, 1)
+    return FINER * extent / tops(power, best), max(int(highest * extent) - PERIODS, 1)

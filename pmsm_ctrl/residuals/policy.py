@@ -24,6 +24,8 @@ MOST = 3
 REVERSAL = 2.0
 # Periods of the cutoff that are left out on either side of a block of the cross-validation, at least.
 GAP = 4.0
+# Share of what is left that a single wave has to explain.
+MOST_OF_IT = 0.5
 # A direction that holds less than this share of the samples has no curve of its own.
 ONE_WAY = 0.03
 # Share of its greatest height above which a curve counts as large.

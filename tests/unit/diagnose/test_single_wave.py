@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, Log, diagnose
-from pmsm_ctrl.diagnose.single_wave import _line
 from pmsm_ctrl.effects.catalogue import CATALOGUE
+from pmsm_ctrl.residuals.single_wave import _line
 
 J, F_c, F_v = 20.0, 60.0, 50.0
 PITCH, FREQUENCY = 0.024, 5.3  # m, Hz
