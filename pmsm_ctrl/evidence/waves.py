@@ -70,8 +70,7 @@ def tops(power: Array, peaks: NDArray[np.int64]) -> Array:
     left, middle, right = power[inner - 1], power[inner], power[inner + 1]
     bent = left - 2.0 * middle + right
     off = np.divide(0.5 * (left - right), bent, out=np.zeros(len(inner)), where=bent < 0.0)
-    places: Array = peaks + np.where(inner == peaks, off, 0.0)
-    return places
+    return np.asarray(peaks + np.where(inner == peaks, off, 0.0), dtype=np.float64)
 
 
 def strongest_periods(parts: Sequence[tuple[Array, Array]], highest: float, number: int) -> tuple[Array, int]:
