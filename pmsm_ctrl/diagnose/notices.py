@@ -12,6 +12,7 @@ from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
     "ABOVE_FLOOR",
+    "AS_SENSOR",
     "BEYOND_BAND",
     "BEYOND_LOG",
     "DEPENDENCE",
@@ -70,6 +71,10 @@ POLISHED = Template(
 )
 NOT_SEPARABLE = Template("not_separable", "{parameters} not separable on this motion")
 EFFECT_NOT_EXCITED = Template("effect_not_excited", "{effect}: {why}")
+AS_SENSOR = Template(
+    "as_sensor",
+    "{effect}: {sensor} is the same in every log; with the drive switched off the channel shows the offset alone",
+)
 BEYOND_LOG = Template(
     "beyond_log",
     "{effect}: {parameter} is at least {value:.3g}: the log is too short to show the final value; the size of the "

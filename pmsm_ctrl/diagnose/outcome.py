@@ -148,6 +148,8 @@ def _limits(selection: Selection) -> Iterator[Notice]:
     band = fit.record.prepared.cutoff
     for one in fit.accepted:
         structure = one.effect.structure
+        if one.effect.as_sensor:
+            yield notices.AS_SENSOR(effect=one.effect.id, sensor=one.effect.as_sensor)
         if structure.commutation_apart(one.shape):
             yield notices.OTHER_ANGLE(effect=one.effect.id)
         for p in one.effect.searched:

@@ -89,6 +89,7 @@ class Effect:
     rounds : whether it only rounds off the step of dry friction, as much else does where that speed is passed quickly
     common_scale : linear parameters that scale the whole torque: no column can tell them from the torque constant
     same_as : linear parameters whose column is that of another effect up to a factor -> the id of that effect
+    as_sensor : the error of a sensor that is the same in every log; empty where there is none
     needs : what excitation makes it visible
     look_alikes : effect id -> why some logs cannot tell the two apart
     validated : what it has been held against so far
@@ -118,6 +119,7 @@ class Effect:
     bends_over: str = ""
     both_ways: bool = False
     rounds: bool = False
+    as_sensor: str = ""
     common_scale: tuple[str, ...] = ()
     same_as: Mapping[str, str] = field(default_factory=dict)
 

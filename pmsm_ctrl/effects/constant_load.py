@@ -23,6 +23,7 @@ effect = Effect(
     parameters=(Parameter("T_0", "N m", 0.0, -inf, inf, "constant torque", linear=True),),
     term=term,
     both_ways=True,
+    as_sensor="an offset of the current or torque sensor",
     example={"T_0": 0.01},
     needs="motion in both directions",
     look_alikes={"coulomb": "while moving, a Coulomb level that differs by direction is the same"},

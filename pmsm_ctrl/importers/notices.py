@@ -68,6 +68,9 @@ FROZEN_CHANNEL = Template(
 
 # -- one channel against another ----
 SPEED_UNRELATED = Template("speed_unrelated", "omega is not proportional to dtheta/dt")
+SPEED_MAGNITUDE = Template(
+    "speed_magnitude", "omega never changes its sign, although theta goes both ways: it contains magnitudes"
+)
 SPEED_FACTOR = Template("speed_factor", "dtheta/dt is {factor:.4g} times omega{cause}")
 REFERENCE_FACTOR = Template("reference_factor", "omega is {factor:.4g} times omega_ref{cause}")
 TORQUE_UNRELATED = Template("torque_unrelated", "torque is not proportional to K_t i_q (correlation {correlation:.2f})")

@@ -20,7 +20,7 @@ from pmsm_ctrl.importers.timebase import growing_steps, quantum, saturated_share
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
 
-__all__ = ["check", "torque_factor", "velocity_factor"]
+__all__ = ["check", "speed_doubts", "torque_factor", "velocity_factor"]
 
 MIN_SAMPLES = 32
 CERTAIN, INTERVAL = 12.0, 3.0  # standard errors of an inertia: that it counts at all, and that it is beyond a limit
@@ -48,7 +48,7 @@ def check(log: Log, design: Design | None = None) -> tuple[Notice, ...]:
             found += [
                 *_standing(log),
                 *lost_samples(log, design),
-                *_speed(log, design),
+                *speed_doubts(log, design),
                 *_reference(log),
                 *_torque(log, design),
                 *_sign(log, design),
@@ -93,10 +93,20 @@ def _near(value: float, known: float, tolerance: float = 0.02) -> bool:
     return abs(value / known - 1.0) < tolerance
 
 
-def _speed(log: Log, design: Design | None) -> list[Notice]:
+def speed_doubts(log: Log, design: Design | None) -> list[Notice]:
+    """Return what makes a speed doubtful beside the position: a factor, a sign, or none of its own.
+
+    Parameters
+    ----------
+    log : Log
+    design : Design or None
+        Adds the pole pairs and the gear to what a factor may be.
+    """
     factor, spread = velocity_factor(log)
     if not math.isfinite(factor):
         return []
+    if _magnitude(log):
+        return [say.SPEED_MAGNITUDE()]
     if not spread < 0.2:
         return [say.SPEED_UNRELATED()]
     if abs(factor - 1.0) < 0.05:
@@ -123,6 +133,15 @@ def _speed(log: Log, design: Design | None) -> list[Notice]:
             (1.0 / design.load.gear, "speed of the motor, position of the load"),
         ]
     return [say.SPEED_FACTOR(factor=factor, cause=_suspect(factor, known))]
+
+
+def _magnitude(log: Log) -> bool:
+    """Whether the speed never changes its sign, although the position goes a tenth of its way back."""
+    speed, way = log["omega"], np.diff(log["theta"][block_edges(len(log), BLOCKS)])
+    forward, back = float(way[way > 0.0].sum()), -float(way[way < 0.0].sum())
+    low, high = np.quantile(speed, (0.001, 0.999)).tolist()
+    one_sided = min(abs(low), abs(high)) < 0.01 * max(abs(low), abs(high)) or low * high > 0.0
+    return bool(one_sided and min(forward, back) > 0.1 * (forward + back))
 
 
 def _suspect(factor: float, known: list[tuple[float, str]]) -> str:

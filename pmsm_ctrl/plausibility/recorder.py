@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.lost import jumps
-from pmsm_ctrl.importers.notices import ANGLE_UNWRAPPED
+from pmsm_ctrl.importers.notices import ANGLE_UNWRAPPED, SPEED_UNRELATED
+from pmsm_ctrl.importers.plausibility import speed_doubts
 from pmsm_ctrl.importers.timebase import quantum
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.log import Log
@@ -44,7 +46,8 @@ def recorded(design: Design, log: Log) -> Plausibility:
     few = all(notice.detail["percent"] < POLICY.few_clipped for notice in clipped)
     lost = _lost(log)
     rare = all(notice.detail["percent"] < 100.0 * POLICY.few_lost for notice in lost)
-    doubts = (*_held(log), *cuts, *(clipped if few else ()), *(lost if rare else ()))
+    log, held = _in_the_middle(log, _held(log))
+    doubts = (*held, *_speed(design, log), *cuts, *(clipped if few else ()), *(lost if rare else ()))
     # what is missing all over a log cannot be left out, and every derivative is wrong
     broken = (*_copies(log), *(() if rare else lost), *(() if few else clipped))
     return Plausibility(log, broken, doubts, left_out, (*unrolled, *wraps))
@@ -144,6 +147,27 @@ def _lost(log: Log) -> tuple[Notice, ...]:
     return (say.LOST_SAMPLES(percent=100.0 * share),) if share > POLICY.lost_samples else ()
 
 
+def _speed(design: Design, log: Log) -> Iterator[Notice]:
+    """Yield that a speed is another one than that of the position; the position is what the fits read."""
+    for doubt in speed_doubts(log, design):
+        if doubt.code != SPEED_UNRELATED.code:  # a rough or filtered one is that as well
+            yield doubt
+
+
+def _in_the_middle(log: Log, held: tuple[Notice, ...]) -> tuple[Log, tuple[Notice, ...]]:
+    """Take a held channel, and all that the drive logs with it, in the middle of the time that it is held.
+
+    A hold of n samples is late by (n - 1)/2 of them in the mean.
+    """
+    if not held:
+        return log, ()
+    n = max(notice.detail["periods"] for notice in held)
+    drive = [name for name in ("torque", "i_q", "i_d", "u_q", "u_d") if name in log]
+    drive = [name for name in drive if _period_of_steps(log[name]) == n]
+    late = 0.5 * (n - 1) * log.period
+    return log.with_channels(**{name: np.interp(log.t + late, log.t, log[name]) for name in drive}), held
+
+
 def _held(log: Log) -> tuple[Notice, ...]:
     """Channels that change only at every so many samples, while the motion changes at each."""
     motion = next((log[name] for name in ("theta", "omega") if name in log), None)
@@ -153,16 +177,19 @@ def _held(log: Log) -> tuple[Notice, ...]:
     for name in ("i_q", "torque", "u_q"):
         if name not in log:
             continue
-        places = np.flatnonzero(np.diff(log[name]) != 0.0)
-        if places.size < 50 or places.size > 0.5 * len(log):
-            continue
-        period = int(np.median(np.diff(places)))
-        if period * log.period <= POLICY.held or period <= POLICY.held_periods:
-            continue
-        regular = float(np.mean(np.diff(places) % period == 0))
-        if regular > 0.9:
+        period = _period_of_steps(log[name])
+        if period * log.period > POLICY.held and period > POLICY.held_periods:
             out.append(say.HELD_CHANNEL(channel=name, periods=period, held_ms=1e3 * period * log.period))
     return tuple(out)
+
+
+def _period_of_steps(values: Array) -> int:
+    """Return the number of samples for which a channel is held; 0 where it is not, or not always as long."""
+    places = np.flatnonzero(np.diff(values) != 0.0)
+    if places.size < 50 or places.size > 0.5 * len(values):
+        return 0
+    period = int(np.median(np.diff(places)))
+    return period if float(np.mean(np.diff(places) % period == 0)) > 0.9 else 0
 
 
 def _copies(log: Log) -> tuple[Notice, ...]:

@@ -91,9 +91,10 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
     design : Design
     record : Record
     like : Prediction, optional
-        Of another record that was sampled in the same way: what was fitted there is taken.
+        Of another record that was sampled in the same way: what was fitted there is taken. Where one of the two has a
+        position and the other a speed alone, they were not.
     """
-    if like is not None:
+    if like is not None and (like.record.age is None) == (record.age is None):
         return _alike(design, record, like)
     found = settled_model(design, record)
     fit, at = weighted(found), _stated(design, found.model)
