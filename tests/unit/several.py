@@ -22,6 +22,7 @@ DESIGN = Design.from_dict(
 def record(
     number: int, seconds: float = 4.0, rate: float = 1000.0, *, dF_c: float = 0.0, dF_v: float = 0.0,
     offset: float = 0.0, inertia: float = J, noise: float = 1e-3, wave: float = 0.0, zero: float = 0.0,
+    ripple: float = 0.0, unbalance: float = 0.0,
 ) -> Log:  # fmt: skip
     """Return a record: two sines of the speed whose angle is known in closed form, its torque and white noise."""
     rng = np.random.default_rng([number, 77])
@@ -32,7 +33,8 @@ def record(
     alpha = sum(x * y * np.cos(y * t + z) for x, y, z in zip(a, w, phase, strict=True))
     theta = sum(x / y * (np.cos(z) - np.cos(y * t + z)) for x, y, z in zip(a, w, phase, strict=True))
     torque = inertia * alpha + (F_C + dF_c) * np.sign(omega) + (F_V + dF_v) * omega + offset
-    torque = torque + wave * np.sin(8.0 * theta + 1.0) + rng.normal(0.0, noise, len(t))
+    torque = torque + wave * np.sin(8.0 * theta + 1.0) + unbalance * np.sin(theta + 0.3)
+    torque = torque / (1.0 - ripple * np.sin(6.0 * theta + 0.5)) + rng.normal(0.0, noise, len(t))
     channels = {"t": t, "theta": theta + zero, "torque": torque}
     return Log(channels, provenance=Provenance(f"record_{number}.csv"))
 

@@ -36,6 +36,35 @@ def test_other_zeros_are_found_from_the_waves() -> None:
     assert all(0.0 < stderr < 0.01 for angle, stderr in found if angle)
 
 
+@pytest.mark.parametrize(("effect", "period"), [({"ripple": 0.1}, np.pi / 3.0), ({"unbalance": 0.004}, 2.0 * np.pi)])
+@pytest.mark.parametrize("zeros", [(0.0, 0.2, -0.15), slow((0.0, -0.4, 0.3))])
+def test_a_ripple_and_an_unbalance_tell_the_zeros_within_their_errors(
+    zeros: tuple[float, ...], effect: dict[str, float], period: float
+) -> None:
+    """A ripple is a share of a torque that changes its sign: as a wave of constant size it is not seen."""
+    logs = records([{"zero": zero, "seconds": 8.0} for zero in zeros], **effect)
+    found = timed_record(DESIGN, doubts_about(DESIGN, logs).log).shifts
+    relative = np.array([angle for angle, _ in found]) + zeros
+    error = (relative - relative[0] + 0.5 * period) % period - 0.5 * period
+    stderr = max(stderr for _, stderr in found)
+    assert stderr < 0.02 * period
+    assert error == pytest.approx(np.zeros(3), abs=4.0 * stderr)
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_two_periods_along_a_line_give_one_zero(seed: int) -> None:
+    """They repeat together after five of the one and two of the other, not after the longer one."""
+    waves, zeros = {0.024: (4.0, 0.0), 0.06: (2.0, 1.0)}, np.array([0.0, 0.009, 1.3])
+    one = slide("moves", seed, waves)
+    logs = [one.log, *(slide("sines", 100 * k + seed, waves, one, zeros[k]).log for k in (1, 2))]
+    found = timed_record(one.design, doubts_about(one.design, logs).log).shifts
+    relative = np.array([shift for shift, _ in found]) + zeros
+    error = (relative - relative[0] + 0.06) % 0.12 - 0.06
+    stderr = max(stderr for _, stderr in found)
+    assert stderr < 1e-4
+    assert error == pytest.approx(np.zeros(3), abs=5.0 * stderr)
+
+
 @pytest.mark.parametrize("wave", [0.0, 0.004])
 def test_one_zero_is_left_alone(wave: float) -> None:
     assert shifts([0.0, 0.0, 0.0], wave) == ()
