@@ -10,10 +10,11 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.angle_zero import Source, turned_by, with_common_zero, with_zero_of, zero_of_known
+from pmsm_ctrl.regression.angle_zero import turned_by, with_common_zero, with_zero_of, zero_of_known
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.base_fit import base_fit
 from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.position_waves import Source
 from pmsm_ctrl.regression.prediction import predict
 from pmsm_ctrl.regression.spread import with_noise_of_records
 
