@@ -126,7 +126,7 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
         {"effect": TEXT, "supported": FLAG, "against": TEXTS, "improved": FLAG, "log": TEXT,
          "holdout_log": _maybe(TEXT), "parameters": ESTIMATES, "base": _record({"parameters": ESTIMATES}),
          "errors": _record({"nominal": ERRORS, "base": ERRORS, "final": ERRORS}), "holdout": _by_name(ERRORS),
-         "design": DESIGN, **DOUBTS},
+         "records": RECORDS, "design": DESIGN, **DOUBTS},
         {},
     ),
     "track": (

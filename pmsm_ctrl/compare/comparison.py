@@ -307,8 +307,8 @@ def compare(
         others.append(replace(held, name=one.provenance.file or "the holdout"))
         of_other = (*map(of_holdout, held_out.notices), *held.notices)
         notices += [notice for notice in of_other if notice not in (*here.notices, *notices)]
-    known = {one.provenance.sha256 for one in logs} - {""}
-    if any(one.provenance.sha256 in known for one in holdouts):
+    known = {one.fingerprint for one in logs} if holdouts else set()
+    if any(one.fingerprint in known for one in holdouts):
         notices.append(HOLDOUT_IS_LOG())
     return Comparison(
         design, here, others[0] if others else None, tuple(notices), verdict, reasons, tuple(others)

@@ -14,7 +14,7 @@ from pmsm_ctrl.diagnose.fitted_design import base_parameters, fitted_design, fit
 from pmsm_ctrl.diagnose.late import with_its_delay
 from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.notices import at_bounds
-from pmsm_ctrl.diagnose.outcome import errors_table
+from pmsm_ctrl.diagnose.outcome import errors_table, record_rows
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.polish import Polish, polished
 from pmsm_ctrl.diagnose.profiles import with_profiles
@@ -29,6 +29,7 @@ from pmsm_ctrl.plausibility import with_inertia
 from pmsm_ctrl.regression.bounds import holding
 from pmsm_ctrl.regression.evaluated import as_compared, with_evaluation
 from pmsm_ctrl.regression.prediction import errors, predict
+from pmsm_ctrl.regression.record_result import record_notices, record_spreads
 from pmsm_ctrl.regression.timed_record import FRICTION
 from pmsm_ctrl.regression.worse_than_given import torque_error, worse_by_error
 from pmsm_ctrl.result import Estimate
@@ -179,6 +180,7 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
     held = {
         which: errors_table(case.record, case.holdout_errors(one)) for which, one in (("base", base), ("final", made))
     }
+    rows = record_rows(case, base, made)
     return Addition(
         effect=trial.candidate.effect.id,
         title=trial.candidate.effect.title,
@@ -188,7 +190,9 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
         errors=table,
         holdout=held if case.holdouts else {},
         against=tuple(against),
-        notices=(*([worse] if worse else []), *case.believed.notices, *case.remarks, *said),
+        notices=(*([worse] if worse else []), *case.believed.notices, *record_notices(rows), *case.remarks, *said),
+        records=rows,
+        spreads=record_spreads(made.record, made.estimate),
         improved=worse is None,
         remarks=refined.said,
         log_name=case.name,

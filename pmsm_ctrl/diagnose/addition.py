@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.regression.record_result import Errors
+from pmsm_ctrl.regression.record_result import Errors, RecordResult, RecordSpread
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 
@@ -39,6 +39,10 @@ class Addition(Result):
     remarks : tuple of Notice
         Whether the parameters were refined by simulation, where that was asked for.
     log_name, holdout_name : str
+    records : tuple of RecordResult
+        A row for every record, those that were held out last.
+    spreads : tuple of RecordSpread
+        By how much friction and a constant torque differ between records; empty for a log that is one record.
     level_refitted : bool
         Whether held-out records are judged with the level of their friction refitted: where several are fitted.
     """
@@ -56,6 +60,8 @@ class Addition(Result):
     remarks: tuple[Notice, ...] = field(default=())
     log_name: str = "the given log"
     holdout_name: str = ""
+    records: tuple[RecordResult, ...] = ()
+    spreads: tuple[RecordSpread, ...] = ()
     level_refitted: bool = False
 
     @property
@@ -76,6 +82,8 @@ class Addition(Result):
             "base": {"parameters": self.base},
             "errors": self.errors,
             "holdout": self.holdout,
+            "records": [row.to_dict() for row in self.records],
+            "spread_between_records": [vars(one) for one in self.spreads],
             "notes": [note.text for note in self.remarks],
             **self.doubts(),
             "design": self.design.to_dict(),

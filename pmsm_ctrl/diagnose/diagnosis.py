@@ -38,6 +38,7 @@ from pmsm_ctrl.diagnose.events import events_of
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
+from pmsm_ctrl.diagnose.held_out import same_as_log
 from pmsm_ctrl.diagnose.late import begun_late, better_late, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
@@ -479,7 +480,7 @@ def condition(
     others: list[Record] = []
     # a band in which a name is checked says nothing of its own; see `in_narrower_bands`
     beyond = None if band else beyond_band(design, believed.log, record.cutoff)
-    remarks = [] if beyond is None else [beyond.notice]
+    remarks = [*([] if beyond is None else [beyond.notice]), *same_as_log(as_logs(log), holdouts)]
     for holdout in holdouts:
         held_out = doubts_about(design, holdout)
         if first is not None and believed.lag > 0.0 and believed.logged is None:

@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare.notices import HOLDOUT_IS_LOG
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.contributions import Contributions, parts_of
 from pmsm_ctrl.diagnose.fit import Elsewhere, Fitted, predicted_elsewhere
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.spread import spreads, without_level
+from pmsm_ctrl.section import Notice
 
-__all__ = ["HeldOut", "held_out"]
+__all__ = ["HeldOut", "held_out", "same_as_log"]
 
 Array = NDArray[np.float64]
+
+
+def same_as_log(logs: Sequence[Log], holdouts: Sequence[Log]) -> tuple[Notice, ...]:
+    """Return that a held-out record holds the numbers of one that is fitted, wherever it comes from.
+
+    Parameters
+    ----------
+    logs, holdouts : sequence of Log
+    """
+    known = {one.fingerprint for one in logs} if holdouts else set()
+    return (HOLDOUT_IS_LOG(),) if any(one.fingerprint in known for one in holdouts) else ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,7 +66,7 @@ def outcome(
     offered = {name: effect for name, effect in case.effects.items() if name not in {step.effect for step in steps}}
     hidden = hidden_by_motion(final, offered, policy)
     deviations = parameter_deviations(case.design, selection, policy)
-    records = _records(case, told)
+    records = record_rows(case, told.fits[0], told.fit)
     asides = (blind, *((None, left) if structure is not None and not structure.confirmed else (left, None)))
     verdict, reasons = judged(selection, case.believed, asides, deviations, policy)
     if steps and verdict not in (Verdict.IMPLAUSIBLE, Verdict.EFFECTS_MISSING):
@@ -116,9 +116,15 @@ def outcome(
     )
 
 
-def _records(case: Case, selection: Selection) -> tuple[RecordResult, ...]:
-    """Return a row for every record, those that were held out last."""
-    first, last = selection.fits[0], selection.fit
+def record_rows(case: Case, first: Fitted, last: Fitted) -> tuple[RecordResult, ...]:
+    """Return a row for every record, those that were held out last.
+
+    Parameters
+    ----------
+    case : Case
+    first, last : Fitted
+        Before and after.
+    """
     fitted = (last.estimate, last.weights, last.whitener)
     rows = own_rows(last.record, (first.residual, last.residual), fitted, case.name)
     for number, holdout in enumerate(case.holdouts):

@@ -135,9 +135,13 @@ def _(result: Addition) -> Section:
         ),
         "Parameters, fitted together",
     )
+    several: list[Block] = []
+    if len(a.records) > 1:
+        several = [records_table(a.records, drive, "refitted", "final")]
+        several += [drift] if (drift := spread_sentence(a.spreads)) is not None else []
     remarks = (f"Note: {note.text}." for note in a.remarks)
     more = (f"Also: {text}." for text in a.against[1:])
-    blocks: tuple[Block, ...] = (verdict, *more, *a.notices, errors, found, *remarks)
+    blocks: tuple[Block, ...] = (verdict, *more, *a.notices, errors, found, *several, *remarks)
     return Section(f"{a.design.name} with {a.effect}, fitted to {Path(a.log_name).name}", blocks, essential=(found,))
 
 
