@@ -54,16 +54,16 @@ class _Waves:
         Way after which all repeat, rad (m).
     information : array, shape (records, 2 n, 2 n)
     along : array, shape (records, 2 n)
-    places : array, shape (records,)
-        Mean position where the zeros are known only to a multiple of the common way, and one is as good as another:
-        records of one axis lie at the same place, and a period that is a little off does no harm there.
+    places : sequence of (float, float)
+        Lowest and highest position along a line. A zero is known to a multiple of the common way: records that have no
+        place in common are brought to one, where a period that is a little off does no harm.
     """
 
     numbers: Array
     common: float
     information: Array
     along: Array
-    places: Array
+    places: Sequence[tuple[float, float]]
 
     @property
     def different(self) -> float:
@@ -133,7 +133,7 @@ def _shifts(sources: Sequence[Source], first: int | None = None) -> tuple[tuple[
             return ()  # one zero, with periods a little longer or shorter
         found = apart[0]
     information, along = products(quiet, found)
-    places = np.array([one.place(here) if linear else 0.0 for one in sources for here in one.parts])
+    places = [one.ends(here) if linear else (0.0, 0.0) for one in sources for here in one.parts]
     return tuple(_matched(_Waves(found.numbers, _common(found.numbers, linear), information, along, places), first))
 
 
@@ -177,7 +177,7 @@ def zero_of_known(source: Source, known: Mapping[float, tuple[float, float]]) ->
     if way * numbers[0] < PERIODS * 2.0 * np.pi:
         return None
     common = _common(numbers, source.record.linear)
-    waves = _Waves(numbers, common, (rows @ rows.T)[None], (rows @ left)[None], np.zeros(1))
+    waves = _Waves(numbers, common, (rows @ rows.T)[None], (rows @ left)[None], [(0.0, 0.0)])
     size = np.ravel([known[number] for number in numbers.tolist()])
 
     def gain(angle: float) -> float:
@@ -249,7 +249,7 @@ def _matched(waves: _Waves, first: int | None) -> list[tuple[float, float]]:
     for k in np.argsort(strength)[::-1].tolist():
         if k == first:
             continue
-        grid = waves.grid + (waves.places[first] - waves.places[k])
+        grid = waves.grid + _apart(waves.places[first], waves.places[k])
         found = np.array([_gain(waves, k, angle, (information, along)) for angle in grid.tolist()])
         angle, curvature = _peak(grid, found, asked)
         best, alone = _gain(waves, k, angle, (information, along)), explained_by(information, along)
@@ -259,6 +259,13 @@ def _matched(waves: _Waves, first: int | None) -> list[tuple[float, float]]:
         own, pull = waves.turned(k, shifts[k][0])
         information, along = information + own, along + pull
     return shifts
+
+
+def _apart(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """Return by how much the middle of one stretch is further than that of another one; 0 where they overlap."""
+    if one[0] <= other[1] and other[0] <= one[1]:
+        return 0.0
+    return 0.5 * (sum(one) - sum(other))
 
 
 def _gain(waves: _Waves, record: int, angle: float, others: tuple[Array, Array]) -> float:

@@ -136,14 +136,15 @@ class Source:
             both = _beyond(beside[:, inside], np.vstack([rows[:, inside], left[None, inside]]))
             yield both[:-1], both[-1], way
 
-    def place(self, here: NDArray[np.bool_]) -> float:
-        """Return the mean position of a part, rad (m).
+    def ends(self, here: NDArray[np.bool_]) -> tuple[float, float]:
+        """Return the lowest and the highest position of a part, rad (m).
 
         Parameters
         ----------
         here : bool array, shape (m,)
         """
-        return float(np.mean(self.record.at_grid(self.record.signals["theta"])[here & self.record.mask]))
+        theta = self.record.at_grid(self.record.signals["theta"])[here & self.record.mask]
+        return float(theta.min()), float(theta.max())
 
     def beside_waves(self, basis: Basis, kept: bool = True) -> Source:
         """Return the same with the noise that is left beside these waves: with them in it, it hides their phases.
