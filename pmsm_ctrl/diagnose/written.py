@@ -15,8 +15,10 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.evaluated import as_compared, with_evaluation
+from pmsm_ctrl.regression.prediction import Prediction, predict
 from pmsm_ctrl.regression.prediction import errors as errors_of
-from pmsm_ctrl.regression.prediction import predict
+from pmsm_ctrl.regression.record_result import RecordResult
+from pmsm_ctrl.regression.records import members
 from pmsm_ctrl.regression.worse_than_given import worse_by_error
 
 __all__ = ["as_written", "lowering"]
@@ -36,7 +38,7 @@ def lowering(case: Case, selection: Selection) -> Selection:
     if case.believed is None or not selection.steps:
         return selection
     designs = [fitted_design(case.design, fit) for fit in selection.fits]
-    left, kept = [rms for rms, _ in _as_compared(case, designs)], len(selection.steps)
+    left, kept = [one.torque_error[0] for one in _as_compared(case, designs)], len(selection.steps)
     while kept and left[kept] > case.policy.unchanged * left[kept - 1]:
         kept -= 1
     if kept == len(selection.steps):
@@ -67,9 +69,11 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
         return found
     before = [fitted_design(case.design, fit) for fit in found.selection.fits[:-1]]
     shown = _as_compared(case, [*before, found.design])
-    ladder = [{"rms": rms, "unit": record.unit("torque"), "relative": part} for rms, part in shown]
-    relative = shown[-1][1]
-    found = replace(found, errors=_evaluated(found.errors, ladder), steps=_between(found.steps, ladder))
+    each = [one.torque_error for one in shown]
+    ladder = [{"rms": rms, "unit": record.unit("torque"), "relative": part} for rms, part in each]
+    relative = each[-1][1]
+    rows = _rows(found.records, shown[0], shown[-1])
+    found = replace(found, errors=_evaluated(found.errors, ladder), steps=_between(found.steps, ladder), records=rows)
     worse = worse_by_error(relative, nominal["torque"]["relative"])
     if worse is None:
         return replace(found, design=with_evaluation(found.design, record, case.believed.log))
@@ -77,8 +81,8 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
     return replace(found, design=case.as_given, improved=False, notices=tuple(warned))
 
 
-def _as_compared(case: Case, designs: Sequence[Design]) -> list[tuple[float, float]]:
-    """Return rms and relative error of the torque of each design, and of those before it.
+def _as_compared(case: Case, designs: Sequence[Design]) -> list[Prediction]:
+    """Return what each design predicts, as `compare` will evaluate it.
 
     Noise of the acceleration may be taken for a filter of the torque, which leaves less of it whatever the design. A
     design is evaluated with the sampling found beside the next one where either sampling, held alike, says that what
@@ -92,7 +96,22 @@ def _as_compared(case: Case, designs: Sequence[Design]) -> list[tuple[float, flo
         if before < after and predict(designs[k + 1], records[k], found[k]).torque_error[0] < before:
             alike = predict(designs[k], records[k + 1], found[k + 1])
             found[k] = alike if alike.torque_error[0] > after else found[k]
-    return [one.torque_error for one in found]
+    return found
+
+
+def _rows(rows: tuple[RecordResult, ...], before: Prediction, after: Prediction) -> tuple[RecordResult, ...]:
+    """Return the rows of the records that were fitted with the torque errors of two designs."""
+    spans = after.record.records
+    if not spans:
+        return rows
+    out = list(rows)
+    for k, here in enumerate(members(after.record)):
+        new = {}
+        for which, one in (("before", before), ("after", after)):
+            torque = errors_of(replace(one.record, mask=one.record.mask & here), one.residual, ("torque",))
+            new[which] = {**getattr(rows[k], which), **errors_table(one.record, torque)}
+        out[k] = replace(rows[k], before=new["before"], after=new["after"])
+    return tuple(out)
 
 
 def _evaluated(errors: Mapping[str, Errors], ladder: Sequence[Mapping[str, Any]]) -> dict[str, Errors]:

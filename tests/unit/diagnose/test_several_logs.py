@@ -92,6 +92,9 @@ def test_the_written_design_is_compared_with_the_same_zeros(zeros: tuple[float, 
     judged = found.errors["final"]["torque"]["relative"]
     assert compared.log.errors["torque"].relative == pytest.approx(judged, rel=1e-6)
     assert [row.angle for row in compared.records] == [row.angle for row in found.records]
+    rows = [[row.after["torque"]["relative"] for row in found.records]]
+    rows += [[row.before["torque"]["relative"] for row in compared.records]]
+    assert rows[0] == pytest.approx(rows[1], rel=1e-6)
     again = diagnose(found.design, logs, candidates=FEW, plan=False)
     assert (again.verdict, again.steps) == ("consistent", ())
     assert again.errors["nominal"]["torque"]["relative"] < 0.01
