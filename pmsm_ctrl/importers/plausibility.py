@@ -141,7 +141,11 @@ def _magnitude(log: Log) -> bool:
     forward, back = float(way[way > 0.0].sum()), -float(way[way < 0.0].sum())
     low, high = np.quantile(speed, (0.001, 0.999)).tolist()
     one_sided = min(abs(low), abs(high)) < 0.01 * max(abs(low), abs(high)) or low * high > 0.0
-    return bool(one_sided and min(forward, back) > 0.1 * (forward + back))
+    if not one_sided or min(forward, back) <= 0.1 * (forward + back):
+        return False
+    ends = block_edges(len(log), BLOCKS)
+    spread = ratio(np.abs(way), np.diff(integral(log.t, np.abs(speed))[ends]))[1]
+    return bool(spread < 0.2)
 
 
 def _suspect(factor: float, known: list[tuple[float, str]]) -> str:
