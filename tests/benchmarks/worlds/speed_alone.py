@@ -36,4 +36,4 @@ def speed_alone(log: Log, seed: int) -> Log:
     channels = {name: log[name] for name in log.channels if name not in ("theta", "theta_ref")} | {"omega": omega}
     if "theta_ref" in log and rng.random() < 0.5:
         channels["omega_ref"] = np.gradient(log["theta_ref"], t)
-    return Log(channels)
+    return Log(channels, motion=log.motion)
