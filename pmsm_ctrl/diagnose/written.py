@@ -38,7 +38,7 @@ def lowering(case: Case, selection: Selection) -> Selection:
     if case.believed is None or not selection.steps:
         return selection
     designs = [fitted_design(case.design, fit) for fit in selection.fits]
-    left, kept = [one.torque_error[0] for one in _as_compared(case, designs)], len(selection.steps)
+    left, kept = [rms for rms, _ in _as_compared(case, designs)], len(selection.steps)
     while kept and left[kept] > case.policy.unchanged * left[kept - 1]:
         kept -= 1
     if kept == len(selection.steps):
@@ -68,7 +68,7 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
     if found.design is case.as_given:
         return found
     before = [fitted_design(case.design, fit) for fit in found.selection.fits[:-1]]
-    shown = _as_compared(case, [*before, found.design])
+    shown = _predicted(case, [*before, found.design])
     each = [one.torque_error for one in shown]
     ladder = [{"rms": rms, "unit": record.unit("torque"), "relative": part} for rms, part in each]
     relative = each[-1][1]
@@ -81,7 +81,12 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
     return replace(found, design=case.as_given, improved=False, notices=tuple(warned))
 
 
-def _as_compared(case: Case, designs: Sequence[Design]) -> list[Prediction]:
+def _as_compared(case: Case, designs: Sequence[Design]) -> list[tuple[float, float]]:
+    """Return rms and relative error of the torque of each design, and of those before it."""
+    return [one.torque_error for one in _predicted(case, designs)]
+
+
+def _predicted(case: Case, designs: Sequence[Design]) -> list[Prediction]:
     """Return what each design predicts, as `compare` will evaluate it.
 
     Noise of the acceleration may be taken for a filter of the torque, which leaves less of it whatever the design. A
