@@ -271,7 +271,7 @@ def standing_out(sources: Sequence[Source], basis: Basis, possible: int) -> Basi
         The strongest of the possible ones.
     possible : int
     """
-    if possible == 0:
+    if len(basis.numbers) == 0:
         return None
     pieces = [piece for one in sources for piece in one.pieces(basis)]
     p_values, steady = [], []

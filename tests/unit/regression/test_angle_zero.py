@@ -9,7 +9,9 @@ import pytest
 
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import doubts_about
+from pmsm_ctrl.regression.base_fit import base_fit
 from pmsm_ctrl.regression.made import Made
+from pmsm_ctrl.regression.position_waves import Basis, Source, standing_out
 from pmsm_ctrl.regression.timed_record import timed_record
 from tests.effort import seeds, slow
 from tests.slides import slide
@@ -88,6 +90,13 @@ def test_one_zero_along_a_line_is_left_alone(waves: Waves, seed: int) -> None:
     one = slide("moves", seed, waves)
     logs = [one.log, *(slide("sines", 100 * k + seed, waves, one).log for k in (1, 2))]
     assert timed_record(one.design, doubts_about(one.design, logs).log).shifts == ()
+
+
+def test_a_line_without_a_peak_in_its_spectrum_has_no_waves() -> None:
+    one = slide("moves", 1, {})
+    record = timed_record(one.design, one.log)
+    source = Source.of(record, base_fit(one.design, record))
+    assert standing_out([source], Basis(np.zeros(0), np.zeros(0, dtype=bool)), 1) is None
 
 
 @pytest.mark.parametrize("speed_alone", [False, True])
