@@ -7,6 +7,8 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
@@ -111,6 +113,8 @@ def _rows(rows: tuple[RecordResult, ...], before: Prediction, after: Prediction)
         return rows
     out = list(rows)
     for k, here in enumerate(members(after.record)):
+        if not np.any(after.record.mask & here):  # it stands still
+            continue
         new = {}
         for which, one in (("before", before), ("after", after)):
             torque = errors_of(replace(one.record, mask=one.record.mask & here), one.residual, ("torque",))

@@ -47,6 +47,9 @@ def as_compared(
     out = []
     for row, span in zip(rows, record.records, strict=False):
         used = record.mask & (record.t >= span.start) & (record.t <= span.stop)
+        if not used.any():  # it stands still
+            out.append(row)
+            continue
         of_row = sizes(left[used], record.target[0][used])
         torque: dict[str, Any] = {"rms": of_row["rms"], "relative": of_row["relative_error"]}
         out.append(replace(row, after={**row.after, "torque": {**row.after.get("torque", {}), **torque}}))

@@ -146,7 +146,7 @@ def _common(numbers: Array, linear: bool) -> float:
     linear : bool
     """
     if not linear:
-        return 2.0 * np.pi / float(np.gcd.reduce(np.rint(numbers).astype(np.int64)))
+        return 2.0 * np.pi / max(float(np.gcd.reduce(np.rint(numbers).astype(np.int64))), 1.0)
     longest = 2.0 * np.pi / float(numbers.min())
     for times in range(1, MOST_TIMES + 1):
         turns = numbers * (times * longest / (2.0 * np.pi))

@@ -41,6 +41,9 @@ def by_variance(error: Array) -> Array:
     return np.asarray(1.0 / np.sqrt(1.0 + error**2))
 
 
+HUGE = 1e75  # beside no noise at all, as of an axis that rests, an error has no bound, and its fourth power overflows
+
+
 def steep(error: Array) -> Array:
     """Return the weight of samples of which those in doubt are to count next to nothing.
 
@@ -49,7 +52,7 @@ def steep(error: Array) -> Array:
     error : array, shape (m,)
         In units of the noise.
     """
-    return np.asarray(1.0 / (1.0 + error**2) ** 2)
+    return np.asarray(1.0 / (1.0 + np.minimum(error, HUGE) ** 2) ** 2)
 
 
 def edge_error(

@@ -143,7 +143,7 @@ class Source:
         ----------
         here : bool array, shape (m,)
         """
-        theta = self.record.at_grid(self.record.signals["theta"])[here & self.record.mask]
+        theta = self.record.at_grid(self.record.signals["theta"])[here]  # at rest as well: it may never move
         return float(theta.min()), float(theta.max())
 
     def beside_waves(self, basis: Basis, kept: bool = True) -> Source:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
+from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.base_fit import base_fit
@@ -90,6 +92,22 @@ def test_one_zero_along_a_line_is_left_alone(waves: Waves, seed: int) -> None:
     one = slide("moves", seed, waves)
     logs = [one.log, *(slide("sines", 100 * k + seed, waves, one).log for k in (1, 2))]
     assert timed_record(one.design, doubts_about(one.design, logs).log).shifts == ()
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_record_that_stands_still_tells_no_zero(place: int) -> None:
+    """Of a linear axis it has no sample of a motion, and a place all the same."""
+    waves = {0.024: (3.0, 0.0)}
+    one = slide("moves", 1, waves)
+    t = np.arange(3000) / 1000.0
+    noise = np.random.default_rng(1).normal(size=t.size)
+    logs = [one.log, slide("sines", 101, waves, one, 0.009).log]
+    logs.insert(place, Log({"t": t, "theta": np.full(t.size, 0.1), "torque": noise}, motion="linear"))
+    shifts = [shift for shift, _ in timed_record(one.design, doubts_about(one.design, logs).log).shifts]
+    assert shifts.pop(place) == 0.0
+    assert abs(shifts[1] - shifts[0]) == pytest.approx(0.009, abs=2e-4)
+    assert identify(one.design, logs).estimates["J"].value == pytest.approx(one.true["J"], rel=0.01)
+    assert len(diagnose(one.design, logs, candidates=["detent_force"], plan=False).records) == 3
 
 
 def test_a_line_without_a_peak_in_its_spectrum_has_no_waves() -> None:
