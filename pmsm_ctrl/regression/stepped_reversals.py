@@ -31,7 +31,8 @@ MOMENTS, STEPS = 9, (0.25, 0.0625, 0.015625)
 COARSE = 0.5  # sample of the thinned log, by which later moments are tried first
 BENT = 0.7  # of what friction that bends before it slides leaves at best, a step that is late may leave: half the power
 LATEST = 0.02  # s; a torque that is later is found before anything is fitted
-LOUD = 1.5  # times the noise of the fit, that all samples alike must leave for the moments to be looked at
+LOUD = 1.5  # times the noise of the fit, that all samples alike must leave for the moments to be looked at; and times
+# what a late friction leaves, that a torque late as a whole may leave
 LOWERED = 0.36  # share of the power beyond that noise that followed reversals leave, which stepped ones may leave
 
 
@@ -72,6 +73,11 @@ def stepped_at_reversals(design: Design, made: Made, record: Record, fit: Estima
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     late = record.timing.late + whole / made.log.rate
     again = made.record(design, same, None, replace(record.timing, late=late, stepped=moment - whole))
+    if whole:  # a torque that is late is so with what the inertia takes of it; a bristle alone is the friction
+        direction, omega = again.signals["direction"], again.signals["omega"]
+        as_one = as_sampled(direction, omega, moment - whole, finer=finer, moved=late * made.log.rate)
+        if _Errors(again).of(as_one) > LOUD * tried[moment]:
+            return record, fit
     return again, base_fit(design, again)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter1d
 
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
@@ -15,7 +16,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.reversals import as_sampled
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.simulate import simulate
-from tests.benchmarks.prescribed import drawn
+from tests.benchmarks.prescribed import bristle, drawn
 from tests.effort import amount, seeds, slow
 
 DESIGNS = Path(__file__).resolve().parents[3] / "designs"
@@ -96,6 +97,24 @@ def test_friction_that_bends_is_no_step_that_is_late(seed: int) -> None:
     assert case.effect == "presliding"
     assert abs(record.timing.late) <= record.sampling
     assert record.timing.stepped is None
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_a_friction_that_is_late_while_the_inertia_is_not_is_a_bristle(seed: int) -> None:
+    """A staircase of the speed that reverses twice: the edges of the acceleration are in time."""
+    fine = 4
+    t = np.arange(0.0, 26.0, 1.0 / (fine * RATE))
+    levels = (-72.0, -48.0, -24.0, 24.0, 48.0, 72.0, 48.0, 24.0, -24.0, -48.0, -24.0, -48.0, -24.0)
+    omega = uniform_filter1d(np.repeat(levels, int(2.0 * fine * RATE)), int(0.11 * fine * RATE), mode="nearest")
+    omega = uniform_filter1d(omega, int(0.004 * fine * RATE), mode="nearest")
+    theta, inertia = np.cumsum(omega) / (fine * RATE), 3.8e-3
+    torque = inertia * np.gradient(omega, t) + 0.93 * bristle(theta, 5.5e-3, dahl=True) + 0.002 * omega
+    measured = torque[::fine] + 5e-3 * np.random.default_rng(seed).normal(size=t[::fine].size)
+    log = Log({"t": t[::fine], "theta": theta[::fine], "torque": measured})
+    dry = [{"id": "coulomb", "F_c": 0.85}, {"id": "viscous", "F_v": 0.0021}]
+    found = diagnose(Design.from_dict({"motor": {"J": 4.0e-3, "K_t": 1.0}, "effects": dry}), log, plan=False)
+    assert [step.effect for step in found.steps] == ["presliding"]
+    assert not [notice for notice in found.notices if notice.code == "not_synchronous"]
 
 
 @pytest.mark.parametrize(("finer", "moved", "place"), [(1, 0.0, 3.5), (2, 0.0, 3.25), (4, 0.0, 3.375), (1, 0.4, 3.1)])
