@@ -85,7 +85,6 @@ def as_diagnosed(design: Design, log: Log) -> Evaluation:
     Parameters
     ----------
     design : Design
-        Whose effects on the torque are plain terms.
     log : Log
     """
     several, base = joint(design, log), based(design, log)

@@ -25,7 +25,6 @@ from pmsm_ctrl.identify.solution import Method
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, with_inertia
 from pmsm_ctrl.plausibility.late_steps import moved_by_its_steps
-from pmsm_ctrl.regression.base_problem import plain_terms
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS, DriveTiming, Sampling
 from pmsm_ctrl.regression.fast_orders import orders_beyond
@@ -208,7 +207,7 @@ def identify(
     whole = (believed := doubts_about(design, log)).log
     blanked, usual = _blanking(processing or Processing()), method == "regression"
     advance(SAMPLED)
-    if usual and processing is None and plain_terms(design):
+    if usual and processing is None:
         made = as_diagnosed(design, whole)
         if (late := moved_by_its_steps(believed, made.record)) is not None:
             believed, whole = late, late.log

@@ -18,14 +18,16 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.bandwidth import with_sound_inertia
 from pmsm_ctrl.regression.base_fit import Settled, settled_model
+from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.drive_timing import AGE, LATENESS, Sampling
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
 from pmsm_ctrl.regression.model import FIXED
+from pmsm_ctrl.regression.notices import NO_REGRESSION
 from pmsm_ctrl.regression.timed_record import as_possible_command, timed_record
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["Based", "based", "plain_terms"]
+__all__ = ["Based", "based"]
 
 Array = NDArray[np.float64]
 
@@ -63,26 +65,12 @@ class Based:
         return Sampling(self.record.timing, value, 0.0 if sure else stderr)
 
 
-def plain_terms(design: Design) -> bool:
-    """Return whether all effects of a design are plain terms of the motion, and correct no channel.
-
-    The base model is linear in the parameters of these, and has them as the design states them.
-
-    Parameters
-    ----------
-    design : Design
-    """
-    effects = [effect for effect, _ in bound_effects(design)]
-    return not any(e.has_state or e.enters == "measurement" or "torque" in e.signals for e in effects)
-
-
 def based(design: Design, log: Log) -> Based:
     """Fit the base model to the torque of a log, its parameters free of any prior.
 
     Parameters
     ----------
     design : Design
-        Whose effects on the torque are plain terms.
     log : Log
 
     Raises
@@ -107,9 +95,11 @@ def based(design: Design, log: Log) -> Based:
 def _problem(design: Design, found: Settled) -> Problem:
     record, model, prepared = found.record, found.model, found.record.prepared
     entering = [k for k in range(len(model.names)) if np.any(model.matrix[0][:, k])]
+    held = [k for k in entering if not _identified(model.group_of(k))]
+    stateful = (effect.id for effect, _ in bound_effects(design) if effect.has_state and effect.enters == "torque")
     return Problem(
-        target=record.target[0],
-        columns=tuple(_columns(design, found, entering)),
+        target=record.target[0] - model.matrix[0][:, held] @ model.nominal[held],
+        columns=tuple(_columns(design, found, [k for k in entering if k not in held])),
         mask=record.mask,
         t=record.t,
         omega=prepared.smooth(record.signals["omega"]),
@@ -117,8 +107,13 @@ def _problem(design: Design, found: Settled) -> Problem:
         unit=axis_unit("N m", prepared.motion),
         rate=record.rate,
         cutoff=record.cutoff,
-        notes=record.notes,
+        notes=(*record.notes, *(NO_REGRESSION(effect=name) for name in stateful)),
     )
+
+
+def _identified(group: Group) -> bool:
+    """Whether the torque tells a group's parameters; those with a memory and of the measurement stay as stated."""
+    return group.effect is None or not (group.effect.has_state or group.effect.enters == "measurement")
 
 
 def _columns(design: Design, found: Settled, which: list[int]) -> Iterator[Column]:

@@ -98,7 +98,8 @@ MEASUREMENT_EFFECT_LEFT_IN = Template(
     "measurement_effect_left_in", "{effect} is not corrected: the log lacks a channel that its term needs"
 )
 NO_REGRESSION = Template(
-    "no_regression", "{effect} has an internal state and is not part of the regression: use method 'output_error'"
+    "no_regression",
+    "{effect} has an internal state: the regression leaves it as the design states it; method 'output_error' finds it",
 )
 ORDERS_BEYOND_BAND = Template(
     "orders_beyond_band",
