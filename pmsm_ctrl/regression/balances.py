@@ -35,7 +35,7 @@ from pmsm_ctrl.regression.edges import MAD, WRONG_TORQUE
 from pmsm_ctrl.regression.encoder_steps import angle_steps, errors_by_steps, rough_acceleration
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
-from pmsm_ctrl.regression.measurement_correction import known_delay
+from pmsm_ctrl.regression.measurement_correction import known_delay, unscaled
 from pmsm_ctrl.regression.notices import ASSUMED_I_D, LONG_LOG, TORQUE_JUMPS
 from pmsm_ctrl.regression.reversals import as_sampled
 from pmsm_ctrl.regression.thinning import interpolated
@@ -387,7 +387,7 @@ def _made(
     design: Design, log: Log, processing: Processing, age: DriveTiming | None, timing: DriveTiming,
     wrong: float, edges: float,
 ) -> Record:  # fmt: skip
-    (sampling, early), stated = possible_sampling(design, log), drive_sampling(design, log)
+    (sampling, early), stated, log = possible_sampling(design, log), drive_sampling(design, log), unscaled(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
     finest, resolution = angle_steps(log)
     whole, given = in_time(design, ending_steadily(log), age or UNDELAYED), log

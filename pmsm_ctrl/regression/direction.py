@@ -172,7 +172,7 @@ def acting_torques(design: Design, log: Log, prepared: Prepared, late: float = 0
         channels = {name: low_pass(values, prepared.rate, band) for name, values in channels.items()}
     motion = {name: prepared.signals[name] for name in ("theta", "omega")}
     smooth, fast = (
-        logged_torque(design, undone(design, prepared.t, motion | currents)[0])
+        logged_torque(design, undone(design, prepared.t, motion | currents, scaled=True)[0])
         for currents in ({name: prepared.signals[name] for name in names}, channels)
     )
     if late:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects, catalogue_of
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.notices import MEASUREMENT_EFFECT_LEFT_IN
 from pmsm_ctrl.section import Notice
 
-__all__ = ["known_delay", "undone"]
+__all__ = ["known_delay", "undone", "unscaled"]
 
 Array = NDArray[np.float64]
 
@@ -28,11 +30,14 @@ def known_delay(design: Design) -> float:
     return sum(how.delay(one, [values[s] for s in how.symbols(one)]) for how, one, values in stated if how.delays)
 
 
-def undone(design: Design, t: Array, channels: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[Notice, ...]]:
+def undone(
+    design: Design, t: Array, channels: Mapping[str, Array], scaled: bool = False
+) -> tuple[dict[str, Array], tuple[Notice, ...]]:
     """Return channels as they would be without the design's measurement effects, and notes on those left in.
 
-    A delay is undone exactly, an offset too; a wrong gain or angle to first order, since its term reads the measured
-    value in place of the true one. Of currents: a logged torque is moved in time, and an offset or a gain stays in it.
+    A delay, an offset and a common scale are undone exactly; a wrong angle and a mismatch of gains to first order,
+    since the term reads the measured value in place of the true one. Of currents: a logged torque is moved in time, and
+    an offset or a gain stays in it.
 
     Parameters
     ----------
@@ -41,18 +46,50 @@ def undone(design: Design, t: Array, channels: Mapping[str, Array]) -> tuple[dic
         Uniform time base, s.
     channels : mapping of str to array, shape (n,)
         Measured, in SI units; the angle unwrapped.
+    scaled : bool
+        Whether the common scale was taken off before, by `unscaled`.
     """
+    notes: list[Notice] = []
     out = {name: np.asarray(values) for name, values in channels.items()}
-    notes = []
-    effects = catalogue_of(design)
+    out |= {} if scaled else _unscaled(design, out)
     p = float(design.motor.p) if design.motor.p is not None else None
-    for entry in design.effects:
-        effect = effects.get(entry.id)
-        if effect is None or effect.enters != "measurement":
-            continue
-        corrected = effect.structure.corrected(effect, effect.values(entry), t, out, p)
+    for effect, values in _of_the_measurement(design):
+        known = {s: 0.0 if s in effect.common_scale else value for s, value in values.items()}
+        corrected = effect.structure.corrected(effect, known, t, out, p)
         if corrected is None:
             notes.append(MEASUREMENT_EFFECT_LEFT_IN(effect=effect.id))
         else:
             out = corrected
     return out, tuple(notes)
+
+
+def unscaled(design: Design, log: Log) -> Log:
+    """Return a log without the scale that the design states for all of its current: no column of a balance has it.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    """
+    return log.with_channels(**known) if (known := _unscaled(design, log.channels)) else log
+
+
+def _unscaled(design: Design, channels: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the channels that have a stated scale without it."""
+    one = np.ones(1)
+    out: dict[str, Array] = {}
+    for effect, values in _of_the_measurement(design):
+        scale = {s: value if s in effect.common_scale else 0.0 for s, value in values.items()}
+        ones = dict.fromkeys((*effect.channels, "theta", "omega"), one)  # what is one reads one and the scale
+        if any(scale.values()) and (read := effect.structure.corrected(effect, scale, one, ones, 0.0)):
+            for name in set(effect.channels) & set(channels):
+                out[name] = out.get(name, channels[name]) / float(2.0 - read[name][0])
+    return out
+
+
+def _of_the_measurement(design: Design) -> Iterator[tuple[Effect, Mapping[str, float]]]:
+    effects = catalogue_of(design)
+    for entry in design.effects:
+        effect = effects.get(entry.id)
+        if effect is not None and effect.enters == "measurement":
+            yield effect, effect.values(entry)

@@ -13,7 +13,7 @@ from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.measurement_correction import undone
-from pmsm_ctrl.simulate import scenario
+from pmsm_ctrl.simulate import scenario, simulate
 from tests.effort import amount, seeds
 from tests.unit.simulate.composed import DELAYED, TERMS, simulate_composed
 
@@ -83,6 +83,18 @@ def test_identification_and_comparison_know_it(design: Design, effect: str) -> N
         with_it, without = (compare(known, log).log.errors["torque"] for known in told)
         assert with_it.rms < without.rms
         assert with_it.rms < 1.03 * with_it.floor
+
+
+def test_a_known_scale_of_the_current_is_taken_off(design: Design) -> None:
+    """No column has it, as no torque tells it from the torque constant: it was left out without a word."""
+    truth = design.with_effect("current_gain", {"g": 0.1, "g_c": 0.0, "g_s": 0.0})
+    log = simulate(truth, "identification", seed=3)
+    with_it, without = (compare(known, log).log.errors["torque"] for known in (truth, design))
+    assert with_it.rms < 1.03 * with_it.floor
+    assert without.rms > 2.0 * with_it.rms
+    found = identify(truth, log)
+    assert found.notices == ()
+    assert found.estimates["J"].value == pytest.approx(truth.J, rel=0.005)
 
 
 def test_a_known_delay_leaves_the_reversals_where_they_are(design: Design) -> None:
