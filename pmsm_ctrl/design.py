@@ -35,10 +35,10 @@ from pmsm_ctrl.design_parts import (
     Sensor,
     SpeedLoop,
 )  # fmt: skip
-from pmsm_ctrl.design_text import design_in_json, edited_text, rounded
+from pmsm_ctrl.design_text import design_in_json, edited_text
 from pmsm_ctrl.errors import DesignError, NextCommand, nearest
 from pmsm_ctrl.files import example_design, write_text
-from pmsm_ctrl.units import psi_f_from
+from pmsm_ctrl.units import psi_f_from, rounded
 
 __all__ = [
     "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Design", "Drive", "EffectEntry", "Evaluated", "Filter",
@@ -139,7 +139,7 @@ class Design(Part):
         if self.motor.J is None:
             where = f"{self.source or self.name}: " if self.source or self.name else ""
             raise DesignError(f"{where}motor.J is unknown; a number was expected", next_command=NextCommand.INERTIA)
-        return self.motor.J + self.load.J / self.load.gear**2
+        return self.motor.J + self.load.at_motor
 
     @property
     def K_t(self) -> float:
@@ -260,7 +260,7 @@ class Design(Part):
     def with_parameters(self, *, stderr: Mapping[str, float] | None = None, **values: float) -> Design:
         """Return a copy with SI motor parameters changed (`J`, `psi_f`, `R`, `L_d`, `L_q`, `K_t`).
 
-        `J` is the total inertia at the motor shaft; the change is taken by the rotor's share.
+        `J` is the total inertia at the motor shaft; the larger one of rotor and load takes the change.
 
         Parameters
         ----------
@@ -273,13 +273,12 @@ class Design(Part):
         -------
         Design
         """
-        changed = dict(values)
-        if "J" in changed:
-            changed["J"] -= self.load.J / self.load.gear**2
-        changed = {name: rounded(value, (stderr or {}).get(name, math.nan)) for name, value in changed.items()}
+        changed, known = dict(values), stderr or {}
+        parts = self.load.beside(self.motor.J, changed.pop("J"), known.get("J", math.nan)) if "J" in changed else {}
+        changed = {name: rounded(value, known.get(name, math.nan)) for name, value in changed.items()}
         if "K_t" in changed and self.motor.p is not None and self.motor.psi_f is not None:
             changed["psi_f"] = psi_f_from(changed.pop("K_t"), self.motor.p)
-        return self.replace(motor=changed)
+        return self.replace(**{**parts, "motor": {**parts.get("motor", {}), **changed}})
 
     def replace(self, **parts: dict[str, Any]) -> Design:
         """Return a validated copy with fields of parts changed: ``design.replace(sensor={"current_noise": 0})``.

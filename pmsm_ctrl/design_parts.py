@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from pmsm_ctrl.biquads import Biquad, lead, low_pass, notch
-from pmsm_ctrl.units import DATASHEET, torque_constant
+from pmsm_ctrl.units import DATASHEET, rounded, torque_constant
 
 __all__ = [
     "LARGE", "SMALL", "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Drive", "EffectEntry", "Effects",
@@ -148,6 +148,34 @@ class Load(Part):
 
     J: NonNegative = Field(default=0.0, description="load inertia at the load's own shaft, kg m^2")
     gear: float = Field(default=1.0, ge=1e-6, le=1e6, allow_inf_nan=False, description="motor turns per load turn")
+
+    @property
+    def at_motor(self) -> float:
+        """Its inertia at the motor shaft, kg m^2."""
+        return self.J / self.gear**2
+
+    def kept(self, rotor: float | None) -> float:
+        """Return the inertia at the motor shaft that stays when the total changes, kg m^2.
+
+        Parameters
+        ----------
+        rotor : float or None
+        """
+        return self.at_motor if rotor is None else min(rotor, self.at_motor)
+
+    def beside(self, rotor: float | None, total: float, stderr: float) -> dict[str, dict[str, float]]:
+        """Return the changed part of a design, motor or load, that has this total inertia at the motor shaft.
+
+        Parameters
+        ----------
+        rotor : float or None
+        total, stderr : float
+            kg m^2; it is rounded to two digits of its standard error.
+        """
+        kept = self.kept(rotor)
+        if kept == self.at_motor:
+            return {"motor": {"J": rounded(total - kept, stderr)}}
+        return {"load": {"J": rounded((total - kept) * self.gear**2, stderr * self.gear**2)}}
 
 
 class Drive(SheetPart):

@@ -11,26 +11,7 @@ from typing import Any
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.units import DATASHEET
 
-__all__ = ["design_in_json", "edited_text", "rounded"]
-
-DIGITS = 2  # of the standard error that a rounded value keeps, as the GUM (7.2.6) has it
-
-
-def rounded(value: float, stderr: float) -> float:
-    """Return a value without the digits that its standard error makes meaningless.
-
-    Parameters
-    ----------
-    value, stderr : float
-        Where the standard error is not known (NaN, infinite or 0) the value stays as it is.
-
-    Returns
-    -------
-    float
-    """
-    if not (math.isfinite(stderr) and stderr > 0.0 and math.isfinite(value)):
-        return value
-    return round(value, DIGITS - 1 - math.floor(math.log10(stderr)))
+__all__ = ["design_in_json", "edited_text"]
 
 
 def design_in_json(text: str, source: str) -> dict[str, Any]:

@@ -11,8 +11,9 @@ import math
 import re
 from dataclasses import dataclass
 
-__all__ = ["DATASHEET", "UNITS", "DatasheetValue", "axis_unit", "drives", "psi_f_from", "torque_constant"]
+__all__ = ["DATASHEET", "UNITS", "DatasheetValue", "axis_unit", "drives", "psi_f_from", "rounded", "torque_constant"]
 
+DIGITS = 2  # of the standard error that a rounded value keeps, as the GUM (7.2.6) has it
 RPM = 2.0 * math.pi / 60.0
 KRPM = 1000.0 * RPM
 DEGREE = math.pi / 180.0
@@ -176,3 +177,20 @@ DATASHEET: dict[str, DatasheetValue] = {
     "L_q_line_to_line_mH": DatasheetValue("L_q", 0.5e-3, "mH between two terminals, q axis aligned"),
     "i_max_rms": DatasheetValue("i_max", _RMS, "A rms"),
 }
+
+
+def rounded(value: float, stderr: float) -> float:
+    """Return a value without the digits that its standard error makes meaningless.
+
+    Parameters
+    ----------
+    value, stderr : float
+        Where the standard error is not known (NaN, infinite or 0) the value stays as it is.
+
+    Returns
+    -------
+    float
+    """
+    if not (math.isfinite(stderr) and stderr > 0.0 and math.isfinite(value)):
+        return value
+    return round(value, DIGITS - 1 - math.floor(math.log10(stderr)))

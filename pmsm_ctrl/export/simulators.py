@@ -145,7 +145,7 @@ def _comments(lines: list[str]) -> str:
 
 def _mjcf(design: Design, axis: str, found: JointFriction, lines: list[str]) -> str:
     linear = design.motion == "linear"
-    load = max(design.load.J / design.load.gear**2, TINY)
+    load = max(design.load.at_motor, TINY)
     remarks = _comments(lines)
     top = design.K_t_assumed * design.drive.i_max
     limits = f' ctrllimited="true" ctrlrange="{-top:.9g} {top:.9g}"' if np.isfinite(top) else ""

@@ -322,7 +322,7 @@ def plant_with(design: Design, columns: Iterable[Column], values: Iterable[float
         inside = column.clipped(value)
         if column.entry >= 0:
             changed.setdefault(column.entry, {})[column.symbol] = inside
-        elif column.is_inertia and inside > design.load.J / design.load.gear**2:
+        elif column.is_inertia and inside > design.load.kept(design.motor.J):
             inertia = inside
     effects = tuple(
         EffectEntry(id=entry.id, parameters={**entry.parameters, **changed.get(k, {})})

@@ -40,7 +40,7 @@ def with_inertia(design: Design, log: Logs) -> Design:
             f"{design.source or design.name}: motor.J is unknown and the log does not tell it: the axis hardly "
             "accelerates, or the sign of its torque is wrong; a log with fast reversals, or a number, was expected"
         )
-    load = design.load.J / design.load.gear**2
+    load = design.load.at_motor
     J = best.inertia - load if best.inertia > 1.01 * load else 0.01 * best.inertia
     return design.replace(motor={"J": J, "tolerance": {**design.motor.tolerance, "J": FREE}})
 

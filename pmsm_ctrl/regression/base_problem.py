@@ -138,8 +138,8 @@ def _columns(design: Design, found: Settled, which: list[int]) -> Iterator[Colum
 def _inertia(design: Design, found: Settled, k: int) -> Column:
     """Return the inertia's column: by the reference, or free, and as biased as the noise of the motion may make it."""
     model, record = found.model, found.record
-    unit, load = axis_unit("kg m^2", record.prepared.motion), design.load.J / design.load.gear**2
-    plain = Column("J", model.matrix[0][:, k], unit, design.J, lower=load, symbol="J")
+    unit, least = axis_unit("kg m^2", record.prepared.motion), design.load.kept(design.motor.J)
+    plain = Column("J", model.matrix[0][:, k], unit, design.J, lower=least, symbol="J")
     if k in model.doubt and model.nominal[k] != design.J:
         return replace(plain, prior=(float(model.nominal[k]), model.doubt[k]), held=True)
     return replace(plain, bias=model.bias.get(k, 0.0))

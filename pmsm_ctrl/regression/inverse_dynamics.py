@@ -223,8 +223,8 @@ def build_problem(
     made: list[Column] = []
     if inertia:
         unit = axis_unit("kg m^2", prepared.motion)
-        load = design.load.J / design.load.gear**2  # the motor's own has to be something beside it
-        made.append(Column("J", acceleration, unit, design.J, lower=load, symbol="J"))
+        least = design.load.kept(design.motor.J)  # of rotor and load the larger one has to be something beside it
+        made.append(Column("J", acceleration, unit, design.J, lower=least, symbol="J"))
     else:
         target -= design.J * acceleration
     for term in terms:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.design_text import rounded
+from pmsm_ctrl.units import rounded
 
 pytest.importorskip("tomlkit")
 
