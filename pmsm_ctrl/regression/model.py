@@ -55,6 +55,9 @@ TOLERANCE = 0.15
 # Age, s, and angle over speed, s, of the voltage command: a few control periods at most.
 COMMAND = 2e-3
 TIMING = ("tau_u", "tau_frame")
+# Angle by which the drive's d axis leads the magnets': commutation is aligned to a degree or two, rad (electrical). The
+# encoder's steps, half of which it lags, are less. The torque falls by half its square, which no log tells.
+ALIGNMENT, ALIGNED = "delta_frame", 0.05
 ANSWER = ("kappa_d", "kappa_q")  # of the controller to noise: nothing is known of it
 
 
@@ -369,6 +372,7 @@ def _winding(design: Design, record: Record) -> Iterator[Term]:
         "psi_f": (lambda: per_unit(0.0, 0.0, 0.0, 1.0), False),
         "tau_u": (lambda: {"u_d": record.rate_of(s["u_d"]), "u_q": record.rate_of(s["u_q"])}, False),
         "tau_frame": (lambda: {"u_d": p * w * s["u_q"], "u_q": -p * w * s["u_d"]}, False),
+        ALIGNMENT: (lambda: {"u_d": p * w * float(motor.psi_f or 0.0)}, False),
         # the controller's answer to what is measured beyond the modelled current, noise above all
         # logs and drives share a clock: voltage is sampled just after the reference moved, always the same way
         "kappa_d": (lambda: {"u_d": di_d}, False),
@@ -378,6 +382,8 @@ def _winding(design: Design, record: Record) -> Iterator[Term]:
         nominal, sigma = 0.0, np.inf
         if name in TIMING:
             sigma = STATED_WITHIN * record.period if record.design.log.of("u_q").stated else COMMAND
+        elif name == ALIGNMENT:
+            sigma = ALIGNED
         elif name not in ANSWER:
             nominal = float(getattr(motor, name))
             sigma = motor.tolerance.get(name, TOLERANCE) * nominal
