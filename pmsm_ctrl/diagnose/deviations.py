@@ -16,7 +16,7 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.drive_timing import AGE, LATENESS
-from pmsm_ctrl.regression.model import LOAD_SCALE
+from pmsm_ctrl.regression.model import ALIGNED, ALIGNMENT, LOAD_SCALE
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -171,7 +171,7 @@ def _restored_by(fit: Fitted, policy: Policy) -> str:
 
 
 def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Policy = POLICY) -> Iterator[Notice]:
-    """Yield what follows from a wrong torque constant, and from a speed that lags the torque.
+    """Yield what follows from a wrong torque constant, a commutation that is off, and a speed that lags the torque.
 
     Parameters
     ----------
@@ -184,6 +184,7 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
             percent = 100.0 * (d.nominal / d.estimate - 1.0)
             other = _pole_pairs_instead(fit.record.design, d, policy)
             yield notices.TORQUE_CONSTANT(nominal=d.nominal, percent=percent, estimate=d.estimate, other=other)
+    yield from _commutation(fit, policy)
     if fit.record.age is None:
         return
     k = fit.model.names.index(AGE)
@@ -191,6 +192,18 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
     if lag > max(policy.sure_errors * error, 0.1 * fit.record.period):  # an early speed is what sampling can do
         said, filtered = with_error(1e3 * lag, 1e3 * error), 1e3 * fit.record.age.lag
         yield notices.SPEED_FILTERED(lag=said, filter=filtered) if filtered > 0.0 else notices.SPEED_LAG(lag=said)
+
+
+def _commutation(fit: Fitted, policy: Policy) -> Iterator[Notice]:
+    """Say by how much the drive's axes are turned, where that is surely more than half of what is usual."""
+    if ALIGNMENT not in fit.model.names:
+        return
+    k = fit.model.names.index(ALIGNMENT)
+    angle, error = float(fit.plain.values[k]), float(fit.plain.stderr[k])
+    if abs(angle) > max(policy.sure_errors * error, 0.5 * ALIGNED):
+        said, lost = with_error(math.degrees(abs(angle)), math.degrees(error)), 50.0 * angle**2
+        leads = "leads" if angle > 0.0 else "lags"
+        yield notices.COMMUTATION(leads=leads, angle=said, percent=100.0 * abs(angle), lost=lost)
 
 
 def _pole_pairs_instead(design: Design, constant: Deviation, policy: Policy) -> str:

@@ -15,6 +15,7 @@ __all__ = [
     "AS_SENSOR",
     "BEYOND_BAND",
     "BEYOND_LOG",
+    "COMMUTATION",
     "DEPENDENCE",
     "EDGES_ABOVE_FLOOR",
     "EFFECT_NOT_EXCITED",
@@ -89,6 +90,11 @@ TORQUE_CONSTANT = Template(
     "torque_constant",
     "the torque constant of the evaluation, {nominal:.4g} N m/A, is {percent:+.1f} % off the one that the voltages "
     "show ({estimate:.4g} N m/A): J, F_c, F_v and every other torque are off by the same factor{other}",
+)
+COMMUTATION = Template(
+    "commutation",
+    "the drive's d axis {leads} the magnets' by {angle} degrees (electrical), so that u_d holds {percent:.2g} % of the "
+    "back-emf (part of the model): the zero of the encoder, or half of its step; the torque is {lost:.2g} % smaller",
 )
 SPEED_LAG = Template(
     "speed_lag",
