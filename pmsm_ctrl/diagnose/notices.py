@@ -24,6 +24,7 @@ __all__ = [
     "EVENT_PUSH",
     "EVENT_STEP",
     "FACTOR_OFF",
+    "FRICTION_UNKNOWN",
     "LARGE_REFUSED",
     "LITTLE_EXPLAINED",
     "LITTLE_KNOWN",
@@ -250,6 +251,11 @@ OUTSIDE_TOLERANCE = Template(
     "parameter_outside_tolerance",
     "{parameter} is {percent:+.0f} % off the design, beyond its tolerance: a wrong value in the design, or an effect "
     "that resembles it",
+)
+FRICTION_UNKNOWN = Template(
+    "friction_unknown",
+    "{parameter} is not determined by this log (standard error {stderr:.2g} {unit}), nor is an effect that resembles "
+    "it: a motion in both directions determines it",
 )
 NO_FRICTION = Template("no_friction", "{parameter} = {value:.3g}: this log shows none of the design's dry friction")
 LARGE_REFUSED = Template(

@@ -150,8 +150,15 @@ def open_questions(
             percent = 100.0 * (deviation.estimate / deviation.nominal - 1.0)
             yield notices.OUTSIDE_TOLERANCE(parameter=deviation.parameter, percent=percent)
         if deviation.parameter == "F_c" and deviation.nominal > 0.0 >= deviation.estimate:
-            yield notices.NO_FRICTION(parameter=deviation.parameter, value=deviation.estimate)
+            yield _no_friction(deviation, policy)
     yield from _refused(selection, policy)
+
+
+def _no_friction(dry: Deviation, policy: Policy) -> Notice:
+    """Return that a dry friction at its bound is none, or that the log does not tell it: of one direction and a load."""
+    if dry.nominal > policy.sure_errors * dry.stderr:
+        return notices.NO_FRICTION(parameter=dry.parameter, value=dry.estimate)
+    return notices.FRICTION_UNKNOWN(parameter=dry.parameter, stderr=dry.stderr, unit=dry.unit)
 
 
 def _at_edges(fit: Fitted) -> float:

@@ -215,6 +215,8 @@ def test_a_parameter_outside_its_tolerance_is_not_consistent(flagged: bool) -> N
     assert verdict_of(fit_of(), deviations=(scale,)) == ("consistent", [])
     none = Deviation("F_c", 0.02, 0.0, 0.001, "N m", False, False)
     assert verdict_of(fit_of(), deviations=(none,)) == ("inconclusive", ["no_friction"])
+    unknown = Deviation("F_c", 0.02, 0.0, 0.05, "N m", False, False)  # one direction beside a weight
+    assert verdict_of(fit_of(), deviations=(unknown,)) == ("inconclusive", ["friction_unknown"])
 
 
 @pytest.mark.parametrize(
