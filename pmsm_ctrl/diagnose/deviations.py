@@ -146,6 +146,8 @@ def _effects(fit: Fitted) -> Iterator[Deviation]:
         unit = axis_unit(group.effect.parameter(name.split("#")[0]).unit, fit.record.prepared.motion)
         at_bound = k in fit.estimate.held
         note = "stays at its bound; the standard error is that without bounds" if at_bound else ""
+        if fit.model.as_stated(k):
+            error, note = float("nan"), "stays as stated: this log does not distinguish it from the others"
         yield Deviation(name, nominal, value, error, unit, False, False, note)
 
 
@@ -171,7 +173,7 @@ def _restored_by(fit: Fitted, policy: Policy) -> str:
 
 
 def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Policy = POLICY) -> Iterator[Notice]:
-    """Yield what follows from a wrong torque constant, a commutation that is off, and a speed that lags the torque.
+    """Yield what follows from a wrong torque constant, a commutation that is off and a speed that lags; what is held.
 
     Parameters
     ----------
@@ -184,6 +186,8 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
             percent = 100.0 * (d.nominal / d.estimate - 1.0)
             other = _pole_pairs_instead(fit.record.design, d, policy)
             yield notices.TORQUE_CONSTANT(nominal=d.nominal, percent=percent, estimate=d.estimate, other=other)
+    if held := [name for k, name in enumerate(fit.model.names) if fit.model.as_stated(k)]:
+        yield notices.AS_STATED(parameters=", ".join(held))
     yield from _commutation(fit, policy)
     if fit.record.age is None:
         return

@@ -40,6 +40,8 @@ def fitted_design(design: Design, fit: Fitted) -> Design:
             found |= group.effect.structure.parameters(group.effect, dict(group.shape) | values)
         else:
             for symbol, k in zip(group.symbols, range(columns.start, columns.stop), strict=True):
+                if fit.model.as_stated(k):
+                    continue
                 if k in fit.estimate.held:  # at a bound: no estimate, and no standard error of one
                     found[symbol] = fit.estimate.held[k]
                     stderr.pop(symbol, None)
@@ -81,7 +83,8 @@ def base_parameters(given: Design, fit: Fitted) -> dict[str, Estimate]:
             nominal = float(fit.model.nominal[k]) if group.effect.id in stated else None
         else:
             continue
-        stderr = float("nan") if k in fit.estimate.held else float(fit.estimate.stderr[k])
+        known = k in fit.estimate.held or fit.model.as_stated(k)
+        stderr = float("nan") if known else float(fit.estimate.stderr[k])
         found[name] = Estimate(float(fit.estimate.values[k]), unit, stderr, nominal, fit.profiles.get((BASE, name)))
     return found
 

@@ -155,7 +155,7 @@ def open_questions(
 
 
 def _no_friction(dry: Deviation, policy: Policy) -> Notice:
-    """Return that a dry friction at its bound is none, or that the log does not tell it: of one direction and a load."""
+    """Return that a dry friction at its bound is none, or that the log does not tell it: one direction and a load."""
     if dry.nominal > policy.sure_errors * dry.stderr:
         return notices.NO_FRICTION(parameter=dry.parameter, value=dry.estimate)
     return notices.FRICTION_UNKNOWN(parameter=dry.parameter, stderr=dry.stderr, unit=dry.unit)

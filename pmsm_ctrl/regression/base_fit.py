@@ -20,7 +20,7 @@ from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.lateness import lateness, with_sampling_bounded
-from pmsm_ctrl.regression.model import FIXED, OWN, Model, Solved, base_groups, solve_model
+from pmsm_ctrl.regression.model import FIXED, OWN, TWIN, Model, Solved, base_groups, solve_model
 from pmsm_ctrl.regression.modelled import in_time, with_direction, with_modelled_torque
 from pmsm_ctrl.regression.saturated import Saturated, rough_solution, rough_weights, saturated, whiteners
 from pmsm_ctrl.regression.spread import with_spread
@@ -301,7 +301,29 @@ def assembled(
         As in `settled_model`.
     """
     wired = (one for one in accepted if not one.effect.structure.replaces_direction)
-    return base_groups(design, record, settled, [effect_group(record, one.effect, one.shape) for one in wired])
+    groups = [effect_group(record, one.effect, one.shape) for one in wired]
+    model, notes = base_groups(design, record, settled, groups)
+    return _with_twins_held(record, model), notes
+
+
+def _with_twins_held(record: Record, model: Model) -> Model:
+    """Hold the design's parameters that no motion of the log tells from those before them at what the design states.
+
+    The least squares would share the sum of two such terms in a way that nothing supports. Those are a load and the dry
+    friction in one direction, or iron losses and friction.
+    """
+    stated = [k for k in range(len(model.names)) if model.group_of(k).entry >= 0 and not np.any(model.matrix[1:, :, k])]
+    own = [k for k in (model.names.index("J"), *stated) if np.any(model.matrix[0][:, k])]
+    columns = model.matrix[0][:, own] * (record.weight[0] * record.mask)[:, None]
+    size = np.linalg.norm(columns, axis=0)
+    beside = np.abs(np.diag(np.linalg.qr(columns / np.where(size > 0.0, size, 1.0), mode="r")))
+    twins = [k for k, share in zip(own, beside.tolist(), strict=False) if k in stated and share < TWIN]
+    if not twins:
+        return model
+    sigma, torque = model.sigma.copy(), float(np.linalg.norm(record.target[0] * record.weight[0] * record.mask))
+    for k in twins:
+        sigma[k] = FIXED * (abs(model.nominal[k]) or torque / max(float(size[own.index(k)]), 1e-300))
+    return replace(model, sigma=sigma)
 
 
 def laid_out_again(design: Design, record: Record, model: Model, accepted: Iterable[Accepted] = ()) -> Model:

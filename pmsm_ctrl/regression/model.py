@@ -46,6 +46,7 @@ TURNING, TURN, TURN_SAMPLES = "tau_turn", 1e-4, 0.05
 LOAD_SCALE = "kappa_load"
 # Share of a term of the torque that must be its own for it to be estimated.
 OWN = 0.02
+TWIN = 1e-6  # share of its length that a column has beside those before it, below which the two are one
 MOST_NOISE, HELD = 0.05, 0.01  # share of noise in the acceleration from which on the inertia is held, to within a share
 # What the friction of an axis at rest hangs on: not on its load, its angle or its age.
 DRY = frozenset(("omega", "direction", "p"))
@@ -135,6 +136,10 @@ class Model:
         """Group that a column belongs to."""
         ends = np.cumsum([len(group.symbols) for group in self.groups])
         return self.groups[int(np.searchsorted(ends, column, side="right"))]
+
+    def as_stated(self, column: int) -> bool:
+        """Whether a parameter of the design's own effects is held where the design has it: none of them has a prior."""
+        return self.group_of(column).entry >= 0 and bool(np.isfinite(self.sigma[column]))
 
     def columns_of(self, position: int) -> slice:
         """Columns of the group at this position."""
