@@ -134,6 +134,8 @@ class Record:
         Time in gaps of the log, s.
     turning : float
         Share of the moving samples, left out, in which the axis turns too often for its direction to be known.
+    found : float
+        Inertia that a fit has, kg m^2 (kg); 0 before there is one.
     records : tuple of Span
         The records that it was joined from, where there are several.
     shifts : tuple of (float, float)
@@ -182,6 +184,7 @@ class Record:
     commanded: bool = False
     unseen: float = 0.0
     turning: float = 0.0
+    found: float = 0.0
     records: tuple[Span, ...] = ()
     shifts: tuple[tuple[float, float], ...] = ()
     counts: tuple[tuple[float, ...], ...] = ()
@@ -229,6 +232,11 @@ class Record:
     def drive(self) -> str:
         """The word for what drives the axis: torque or force."""
         return drives(self.prepared.motion)
+
+    @property
+    def inertia(self) -> float:
+        """Total inertia by which an error of the angle becomes one of the torque: that of the fit, or the design's."""
+        return self.found if self.found > 0.0 else self.design.J
 
     @property
     def usable(self) -> float:

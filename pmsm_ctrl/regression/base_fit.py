@@ -193,8 +193,9 @@ def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...
     rough = rough_solution(record, _with_torque_held(record, model), left, rough_weights(record, left))
     for _ in range(PASSES):
         torque, late = true_torque(model, rough), delay_of(model, rough.values)
+        inertia = float(rough.values[model.names.index("J")])
         del model, rough, left  # the matrix of a long log is large: the next one takes its place
-        record = with_modelled_torque(record, torque, late)
+        record = replace(with_modelled_torque(record, torque, late), found=inertia)
         model, notes = assembled(design, record, accepted, settled)
         model = _with_torque_held(record, model, OWN)
         left = saturated(record, model)

@@ -196,7 +196,7 @@ def _angle(balances: Balances, wrong: Array, frame: float) -> dict[str, Array]:
     """
     motor = balances.design.motor
     speed = balances.rate_of(wrong)
-    out = {"torque": -balances.design.J * balances.rate_of(speed)}
+    out = {"torque": -balances.inertia * balances.rate_of(speed)}
     if motor.p is not None and motor.psi_f is not None:
         out["u_d"] = frame * motor.p**2 * balances.signals["omega"] * motor.psi_f * wrong
         out["u_q"] = -motor.p * motor.psi_f * speed

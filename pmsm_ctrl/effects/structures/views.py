@@ -39,6 +39,10 @@ class Balances(Protocol):
         """What is believed about the axis."""
 
     @property
+    def inertia(self) -> float:
+        """Total inertia by which an error of the angle becomes one of the torque, kg m^2 (kg)."""
+
+    @property
     def signals(self) -> Mapping[str, Array]:
         """What terms read and ``alpha``, shape (n,), at the log's rate."""
 
