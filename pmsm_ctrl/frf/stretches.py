@@ -19,6 +19,7 @@ from pmsm_ctrl.frf.held import beyond, steps_of
 from pmsm_ctrl.frf.recorder import stated
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.joining import name_of, parts_of, with_records
+from pmsm_ctrl.regression.measurement_correction import corrected_log
 from pmsm_ctrl.regression.signals import logged_torque
 from pmsm_ctrl.regression.timing import uniform, unwrapped
 
@@ -93,7 +94,7 @@ def stretches(design: Design, logs: Iterable[Log]) -> tuple[Stretch, ...]:
     found = []
     for number, whole in enumerate(logs, start=1):
         whole.check_evaluable(100)
-        log = with_records(whole, number)
+        log = with_records(corrected_log(design, whole)[0], number)
         names = [one.name for one in log.records] or [name_of(log, number)]
         parts = zip(names, parts_of(log), strict=True)
         found += [one for name, part in parts if (one := _stretch(design, part, name)) is not None]

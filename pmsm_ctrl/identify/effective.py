@@ -21,10 +21,11 @@ __all__ = ["effective_only"]
 
 def _too_late(found: Design, record: Record, sampling: Sampling) -> float | None:
     """Return by how much the drive signal is late, s, where sampling surely cannot make it; None where it can."""
-    if record.age is not None or sampling.whole.late < (1.0 - FIXED) * record.sampling:
+    undone = 0.0 if record.sampling_stated else record.timing.late  # what is stated is no lag
+    if record.age is not None or undone + sampling.late < (1.0 - FIXED) * record.sampling:
         return None
     value, stderr = base_fit(found, record, settled=False).value(LATENESS)
-    late = record.timing.late + value
+    late = undone + value
     return late if late - record.sampling > SURE * stderr else None
 
 

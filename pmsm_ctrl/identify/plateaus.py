@@ -12,6 +12,7 @@ from pmsm_ctrl.errors import LogError, NextCommand
 from pmsm_ctrl.evidence.noise import mean_of
 from pmsm_ctrl.identify import policy
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.measurement_correction import corrected_log
 from pmsm_ctrl.regression.signals import logged_torque
 
 __all__ = ["Plateau", "find_plateaus", "settled_from"]
@@ -75,6 +76,7 @@ def find_plateaus(design: Design, log: Log) -> tuple[Plateau, ...]:
         When a channel is missing or there is no plateau.
     """
     where = f"{log.provenance.file}: " if log.provenance.file else ""
+    log, _ = corrected_log(design, log)
     reference, t = log["omega_ref"], log.t
     torque = logged_torque(design, log.channels, where)
     if "T_load" in log:

@@ -20,6 +20,7 @@ from pmsm_ctrl.plausibility.recorder import recorded
 from pmsm_ctrl.plausibility.relations import Evidence, evidence_of
 from pmsm_ctrl.plausibility.result import Plausibility
 from pmsm_ctrl.plausibility.wording import odd_parameters, worded
+from pmsm_ctrl.regression.drive_timing import drive_sampling, stated_timing
 from pmsm_ctrl.section import Notice
 
 __all__ = ["examine"]
@@ -50,7 +51,8 @@ def examine(design: Design, log: Log) -> Plausibility:
         return Plausibility(log)
     with np.errstate(all="ignore"):
         found = recorded(design, log)
-        evidence = evidence_of(design, binned(found.log))
+        stated = stated_timing(drive_sampling(design, found.log), found.log.period)  # that is no fault of the channels
+        evidence = evidence_of(design, binned(stated.undone(found.log)))
         kept, in_step = voltages_in_step(evidence, found.log)
         if in_step:
             evidence = replace(evidence, voltages={})

@@ -11,10 +11,12 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects, catalogue_of
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.drive_timing import drive_sampling, in_time, stated_timing
 from pmsm_ctrl.regression.notices import MEASUREMENT_EFFECT_LEFT_IN
+from pmsm_ctrl.regression.timing import unwrapped
 from pmsm_ctrl.section import Notice
 
-__all__ = ["known_delay", "undone", "unscaled"]
+__all__ = ["corrected_log", "known_delay", "undone", "unscaled"]
 
 Array = NDArray[np.float64]
 
@@ -72,6 +74,33 @@ def unscaled(design: Design, log: Log) -> Log:
     log : Log
     """
     return log.with_channels(**known) if (known := _unscaled(design, log.channels)) else log
+
+
+def corrected_log(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...]]:
+    """Return a log as its channels were, by what the design states of their sampling and of its measurement effects.
+
+    For what estimates neither: a filter over the samples, a frequency response, a mean over a plateau. A log with
+    samples that are no numbers, or with time that turns back, is returned as it is.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+
+    Returns
+    -------
+    (Log, tuple of Notice)
+        The notices name the effects that are left in.
+    """
+    whole = all(np.isfinite(values).all() for values in log.channels.values()) and bool((np.diff(log.t) > 0.0).all())
+    if len(log) < 3 or not whole:
+        return log, ()
+    log = stated_timing(drive_sampling(design, log), log.period).undone(in_time(design, log))
+    if not any(True for _ in _of_the_measurement(design)):
+        return log, ()
+    angle = {"theta": unwrapped(log["theta"])} if "theta" in log else {}
+    channels, left_in = undone(design, log.t, {**log.channels, **angle})
+    return log.with_channels(**{name: values for name, values in channels.items() if name != "t"}), left_in
 
 
 def _unscaled(design: Design, channels: Mapping[str, Array]) -> dict[str, Array]:

@@ -13,6 +13,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, with_inertia
+from pmsm_ctrl.regression.measurement_correction import corrected_log
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import model, notices
 from pmsm_ctrl.track.inputs import Samples, located, noise_from_samples, samples_of, scatter
@@ -69,11 +70,11 @@ def track(
         one.check_evaluable()
     design = with_inertia(design, logs)
     believed = doubts_about(design, log)
-    log = believed.log
+    log, left_in = corrected_log(design, believed.log)
     settings = settings or _default_settings(design, log)
     samples = samples_of(design, log, settings.measure)
     settings = noise_from_samples(design, settings, samples, located(log))
-    doubts = [*believed.notices, *samples.notices, *_undersampled(design, log, samples)]
+    doubts = [*believed.notices, *left_in, *samples.notices, *_undersampled(design, log, samples)]
     settings = settings if adapt else replace(settings, adapt=False)
     s = numbers(design, settings, log.period)
     out = filter_samples(design, settings, s, samples)
