@@ -153,7 +153,8 @@ def _parameters(design: Design, problem: Problem) -> tuple[Column, ...]:
     for index, (effect, parameters) in enumerate(bound_effects(design)):
         for known in effect.parameters:
             symbol = known.symbol
-            if symbol == effect.order or symbol in effect.structure.absent(effect, parameters):
+            told = symbol not in effect.common_scale  # no log tells it from the torque constant
+            if symbol == effect.order or symbol in effect.structure.absent(effect, parameters) or not told:
                 continue  # a whole number, or what the design has not
             twins = sum(column.symbol == symbol for column in made)
             name = f"{symbol}#{twins + 1}" if twins else symbol
