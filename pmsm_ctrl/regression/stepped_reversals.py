@@ -74,8 +74,8 @@ def stepped_at_reversals(design: Design, made: Made, record: Record, fit: Estima
     late = record.timing.late + whole / made.log.rate
     again = made.record(design, same, None, replace(record.timing, late=late, stepped=moment - whole))
     if whole:  # a torque that is late is so with what the inertia takes of it; a bristle alone is the friction
-        direction, omega = again.signals["direction"], again.signals["omega"]
-        as_one = as_sampled(direction, omega, moment - whole, finer=finer, moved=late * made.log.rate)
+        s = again.signals
+        as_one = as_sampled(s["direction"], s["omega"], moment - whole, finer, late * made.log.rate)
         if _Errors(again).of(as_one) > LOUD * tried[moment]:
             return record, fit
     return again, base_fit(design, again)
