@@ -8,8 +8,10 @@ from scipy.ndimage import uniform_filter1d
 
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import simulate
 from tests.benchmarks.prescribed import bristle
 from tests.effort import seeds
 
@@ -45,3 +47,15 @@ def test_a_known_bristle_is_part_of_the_model(seed: int) -> None:
     seen = compare(found.design, log).log.errors["torque"]
     assert found.relative_error == pytest.approx(seen.relative, rel=1e-3)
     assert seen.rms < 1.5 * seen.floor
+
+
+@pytest.mark.parametrize("effect", ["compliance", "current_offset"])
+def test_the_error_is_that_of_compare(effect: str) -> None:
+    """A spring and an offset of the sensors have columns in the model, and stay where the design has them."""
+    design = Design.read("designs/hand_tuned.toml").with_effect(effect, dict(CATALOGUE[effect].example))
+    log = simulate(design, "identification", seed=1)
+    found = identify(design, log)
+    assert found.estimates["J"].value == pytest.approx(design.J, rel=0.01)
+    seen = compare(found.design, log).log.errors["torque"]
+    assert found.relative_error == pytest.approx(seen.relative, rel=0.01)
+    assert found.fit.residual[found.problem.mask].std() < 1.1 * seen.floor
