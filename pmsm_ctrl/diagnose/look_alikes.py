@@ -54,10 +54,15 @@ def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) 
 
 
 def _alike(ours: Array, theirs: Array, policy: Policy, scatter: float = 1.0) -> bool:
-    """Whether what another effect explains is nearly the same, or as much and mostly the same."""
+    """Whether what another effect explains is nearly the same, or as much and mostly the same.
+
+    Where ours explains no more than two that are the same may differ by, any other would be as good.
+    """
     size, gain = float(ours @ ours), float(theirs @ theirs)
     left = size - float(ours @ theirs) ** 2 / max(gain, 1e-300)
     tie = policy.tie(size, scatter)
+    if size <= tie:
+        return False
     return left < tie or (gain > size - tie and left < policy.excess * size)
 
 

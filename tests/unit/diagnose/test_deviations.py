@@ -28,7 +28,7 @@ def test_a_torque_constant_between_pole_pairs_is_one_alone(p: int, ratio: float)
 def told(p: int, ratio: float) -> str:
     design = believed(p=p, tolerance={"psi_f": 0.07})
     deviation = Deviation("K_t", 1.0, ratio, 1e-3, "N m/A", True, True)
-    fit: Any = SimpleNamespace(record=SimpleNamespace(design=design, age=None))
+    fit: Any = SimpleNamespace(record=SimpleNamespace(design=design, age=None), model=SimpleNamespace(names=()))
     (notice,) = deviation_notices((deviation,), fit)
     return notice.text
 
