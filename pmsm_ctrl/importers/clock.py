@@ -15,7 +15,7 @@ from pmsm_ctrl.importers.names import split_header, unit_spelling
 from pmsm_ctrl.importers.table import Array, Column, Table
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["timed_by", "with_clock"]
+__all__ = ["is_clock", "timed_by", "with_clock"]
 
 _EVERY = re.compile(r"\s*every\s+(.*)", re.IGNORECASE)
 _PERIOD = re.compile(r"(\d[\d.,]*+(?:e[+-]?\d++)?)\s*+([^\W\d]++)\s*+$", re.IGNORECASE)
@@ -35,7 +35,7 @@ def with_clock(
     """
     spec = (mapping or {}).get("t") or (design.log.channels.get("t") if design is not None else None)
     rate = design.log.rate if design is not None else None
-    if rate is not None and spec and not _EVERY.match(spec):  # a time that counts samples
+    if rate is not None and spec and not is_clock(spec):  # a time that counts samples
         return table, {**(mapping or {}), "t": timed_by(rate, spec)}
     if rate is not None and not spec:
         spec = timed_by(rate)
@@ -63,6 +63,16 @@ def with_clock(
         locate=lambda column, row: f"row {row + 1}" if column == last else table.locate(column, row),
     )
     return timed, {**(mapping or {}), "t": f"#{last + 1}"}
+
+
+def is_clock(spec: str) -> bool:
+    """Return whether a mapping of `t` asks for a computed time: ``every 0.125 ms``.
+
+    Parameters
+    ----------
+    spec : str
+    """
+    return _EVERY.match(spec) is not None
 
 
 def timed_by(rate: float, column: str = "") -> str:

@@ -23,12 +23,15 @@ from dataclasses import dataclass, replace
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, MappingError, NextCommand, nearest
+from pmsm_ctrl.importers.clock import is_clock
 from pmsm_ctrl.importers.names import guess_channel, split_header, unit_of, unit_spelling
+from pmsm_ctrl.importers.notices import OTHER_UNIT
 from pmsm_ctrl.importers.table import Column, Table, one_line
 from pmsm_ctrl.log import CHANNELS
+from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["FACTOR", "REQUIRED", "Assignment", "Source", "assign", "find_column"]
+__all__ = ["FACTOR", "REQUIRED", "Assignment", "Source", "assign", "find_column", "of_this_file"]
 
 FACTOR = re.compile(
     r"(?:(?P<factor>[-+]?\d++\.?\d*+(?:e[-+]?\d++)?)\s*+\*|(?P<minus>-))\s*+(?P<column>\S.*)", re.IGNORECASE
@@ -94,7 +97,7 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
     """Assign columns to channels.
 
     `mapping` has priority over the design's [log] table, and this over canonical names; only without a table are
-    the remaining columns guessed from their names. A file whose every column is canonical needs no table.
+    the remaining columns guessed from their names.
 
     Raises
     ------
@@ -102,20 +105,12 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
         For a channel or column that does not exist, a unit that is unknown or of the wrong kind, a channel
         that is missing.
     """
-    notes: list[str] = []
-    canonical = all(column.name in CHANNELS and column.unit for column in table.columns)
-    wanted: dict[str, str] = {}
-    if design is not None and design.log.channels:
-        if canonical:
-            notes.append("canonical header: the design's [log] table was not needed")
-        else:
-            wanted |= design.log.channels
-    wanted |= dict(mapping or {})
+    wanted: dict[str, str] = {**(design.log.channels if design is not None else {}), **(mapping or {})}
     for channel in wanted:
         if channel not in CHANNELS:
             near, known = nearest(channel, CHANNELS), ", ".join(CHANNELS)
             raise LogError(f"{table.file}: [log] maps unknown channel '{one_line(channel)}'{near} (known: {known})")
-    scales = dict(design.log.scale) if design is not None and not canonical else {}
+    scales = dict(design.log.scale) if design is not None else {}
     stated = {channel: _stated_factor(table, spec) for channel, spec in wanted.items()}
     chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, (_, spec) in stated.items()}
     table_complete = design is not None and bool(design.log.channels)
@@ -128,9 +123,92 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
     )
     sources = tuple(replace(s, scale=s.scale * stated[s.channel][0]) if s.channel in stated else s for s in sources)
     _require(table, sources)
-    notes += _notes(table, sources)
     ordered = tuple(sorted(sources, key=lambda source: list(CHANNELS).index(source.channel)))
-    return Assignment(ordered, motion, tuple(notes))
+    return Assignment(ordered, motion, tuple(_notes(table, sources)))
+
+
+def of_this_file(
+    table: Table, design: Design | None, mapping: Mapping[str, str] | None
+) -> tuple[Table, Design | None, tuple[Notice, ...]]:
+    """Return a canonical file with the part of the design's [log] table that is about it; any other file as it is.
+
+    A design with the table of the drive's own files reads logs that the package wrote as well. What the table states
+    of a column that such a log does not have is left out with a note, the scale of that channel included.
+
+    Parameters
+    ----------
+    table : Table
+    design : Design, optional
+    mapping : mapping of str to str, optional
+        What takes precedence over the design's table.
+
+    Returns
+    -------
+    (Table, Design or None, tuple of Notice)
+        A notice of every unit that the design states otherwise than the file.
+    """
+    canonical = all(column.name in CHANNELS and column.unit for column in table.columns)
+    if design is None or not canonical:
+        return table, design, ()
+    log = design.log
+    asked = {channel: spec for channel, spec in log.channels.items() if channel not in (mapping or {})}
+    other = {channel for channel, spec in asked.items() if not is_clock(spec) and not _names(table, channel, spec)}
+    if not other:
+        return table, design, ()
+    timed = any(column.name == "t" for column in table.columns)
+    if timed:  # the clock of the other files, which have no time
+        other |= {channel for channel, spec in asked.items() if is_clock(spec)}
+    entries = ", ".join(f"{channel} = '{one_line(spec)}'" for channel, spec in asked.items() if channel in other)
+    note = f"canonical header: not of this file, and not needed, of the design's [log] table: {entries}"
+    kept = log.model_copy(
+        update={
+            "channels": {channel: spec for channel, spec in log.channels.items() if channel not in other},
+            "scale": {channel: factor for channel, factor in log.scale.items() if channel not in other},
+            "rate": None if timed else log.rate,
+        }
+    )
+    notices = tuple(_other_unit(table, channel, spec) for channel, spec in asked.items() if channel in other)
+    return (
+        replace(table, notes=(*table.notes, note)),
+        design.model_copy(update={"log": kept}),
+        tuple(notice for notice in notices if notice is not None),
+    )
+
+
+def _names(table: Table, channel: str, spec: str) -> bool:
+    """Whether a mapping names a column of a canonical file.
+
+    The columns of another file may have the same numbers, the name of another channel (a current as "torque"), or
+    the same name and another unit: where every unit is SI, the package may have written the file, and is right.
+    """
+    name, unit = split_header(one_line(_stated_factor(table, spec)[1]))
+    numbered = name.startswith("#") and name[1:].isdigit()
+    own = any(column.name == channel for column in table.columns)
+    SI = all(column.unit in CHANNELS[column.name][:2] for column in table.columns)
+    for number, column in enumerate(table.columns, start=1):
+        agrees = not unit or unit_spelling(unit) == unit_spelling(column.unit)
+        if numbered:
+            found = name == f"#{number}" and column.name == channel and agrees
+        elif column.name == channel:
+            found = _is_named(column, name) and (agrees or not SI)
+        else:
+            found = _is_named(column, name) and agrees and (bool(unit) or not own or _plausible(column, channel))
+        if found:
+            return True
+    return False
+
+
+def _is_named(column: Column, name: str) -> bool:
+    return name.casefold() in (column.name.casefold(), column.header.casefold())
+
+
+def _other_unit(table: Table, channel: str, spec: str) -> Notice | None:
+    """Return the notice of an entry that names the channel's own column with another unit than the file."""
+    name, unit = split_header(one_line(_stated_factor(table, spec)[1]))
+    column = next((column for column in table.columns if column.name == channel and _is_named(column, name)), None)
+    if column is None or is_clock(spec):
+        return None
+    return OTHER_UNIT(channel=channel, file=column.unit, design=unit, mapping=f"{channel}={one_line(spec)}")
 
 
 def _stated_factor(table: Table, spec: str) -> tuple[float, str]:

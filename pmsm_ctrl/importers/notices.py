@@ -6,8 +6,8 @@ from pmsm_ctrl.section import Template
 
 __all__ = [
     "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES",
-    "FROM_PHYSICS", "FROZEN_CHANNEL", "HEADER_PERIOD", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "PEAK_OR_RMS",
-    "POSITION_JUMPS", "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION",
+    "FROM_PHYSICS", "FROZEN_CHANNEL", "HEADER_PERIOD", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "OTHER_UNIT",
+    "PEAK_OR_RMS", "POSITION_JUMPS", "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION",
     "REFERENCE_FACTOR", "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_SPIKES", "SPEED_UNRELATED",
     "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED", "UNIT_ASSUMED", "UNLIKELY_INERTIA",
     "UNLIKELY_PERIOD", "UNSURE_NAME",
@@ -79,6 +79,11 @@ PEAK_OR_RMS = Template(
     "peak_or_rms",
     "i_q ('{column}') is read as A peak, and nothing states that it is not A rms, which makes torque, inertia and "
     "friction 1.41 times as large: --map i_q='{name} [A rms]', or [A peak]{hint}",
+)
+OTHER_UNIT = Template(
+    "other_unit",
+    "{channel}: the file states [{file}], the design's [log] table [{design}]; that of the file was taken, as of a log "
+    "in SI units: --map '{mapping}' where the design is right",
 )
 TORQUE_SIGN = Template(
     "torque_sign", "{channel} has the opposite sign of the acceleration: one of the two sign conventions is wrong"

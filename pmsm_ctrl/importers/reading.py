@@ -15,7 +15,7 @@ from pmsm_ctrl.importers.build import channels_of
 from pmsm_ctrl.importers.clock import with_clock
 from pmsm_ctrl.importers.current_scale import peak_or_rms
 from pmsm_ctrl.importers.header_rate import timed_by_header
-from pmsm_ctrl.importers.mapping import Assignment, assign
+from pmsm_ctrl.importers.mapping import Assignment, assign, of_this_file
 from pmsm_ctrl.importers.notices import HEADER_PERIOD, UNIT_ASSUMED
 from pmsm_ctrl.importers.plausibility import check
 from pmsm_ctrl.importers.sources import Source, as_file, frame_digest, frame_table, is_frame
@@ -132,6 +132,7 @@ def _from_table(
     stated: Mapping[str, str] | None = None,
 ) -> tuple[Log, Table, Assignment]:
     stated = mapping if stated is None else stated
+    table, design, disputed = of_this_file(table, design, mapping)
     table, mapping = timed_by_header(table, design, mapping)
     table, mapping = with_clock(table, design, mapping)
     assignment, file = assign(table, design, mapping), table.file
@@ -152,7 +153,7 @@ def _from_table(
     period = table.header_period
     if period is not None and len(log) > 2 and abs(log.period / period.seconds - 1.0) > UNEQUAL and not period.assumed:
         doubts = (*doubts, HEADER_PERIOD(line=period.text, period_ms=1e3 * log.period))
-    doubts = (*doubts, *check(log, design), *peak_or_rms(log, table, assignment, design, stated))
+    doubts = (*disputed, *doubts, *check(log, design), *peak_or_rms(log, table, assignment, design, stated))
     return replace(log, provenance=replace(provenance, notices=doubts)), table, assignment
 
 

@@ -67,6 +67,53 @@ def test_canonical_file_needs_no_table(tmp_path: Path) -> None:
     assert any("not needed" in note for note in log.provenance.notes)
 
 
+AMPERES = "t [s],theta [rad],torque [N m],i_q [A]\n0,0,5,1\n0.001,0.1,6,2\n0.002,0.2,7,3\n0.003,0.3,8,2\n"
+
+
+@pytest.mark.parametrize(
+    ("header", "log", "factor"),
+    [
+        ("i_q [A]", {"scale": {"i_q": 1.1}}, 1.1),
+        ("i_q [A]", {"channels": {"i_q": "1.1 * i_q"}}, 1.1),
+        ("i_q [A peak]", {"channels": {"i_q": "1.1 * i_q [A peak]"}}, 1.1),
+        ("i_q [A]", {"channels": {"i_q": "-I_q [A]"}, "scale": {"i_q": 2.0}}, -2.0),
+        ("i_q [A]", {"channels": {"theta": "Lage [deg]", "i_q": "1.1 * i_q [A]"}, "scale": {"theta": 3.0}}, 1.1),
+        ("i_q [A]", {"channels": {"t": "every 2 ms", "theta": "#4 [deg]", "i_q": "1.1 * #3 [A]"}}, 1.1),
+        ("i_q [A peak]", {"channels": {"i_q": "i_q [A rms]"}}, math.sqrt(2.0)),
+    ],
+)
+def test_what_a_design_states_of_a_canonical_column_acts(tmp_path: Path, header: str, log: dict, factor: float) -> None:
+    found = read_log(write(tmp_path, GOOD.replace("i_q [A]", header)), design(log))
+    np.testing.assert_allclose(found["i_q"], factor * np.array([1.0, 2.0, 3.0, 2.0]), rtol=1e-15)
+    assert found["theta"].tolist() == [0.0, 0.1, 0.2, 0.3], "its column is one of another file"
+    assert found.t[1] == 0.001
+    assert any(f"factor {factor:.9g}" in note for note in found.provenance.notes)
+
+
+@pytest.mark.parametrize(
+    "log",
+    [
+        {"channels": {"t": "#1 [ms]", "theta": "#2 [deg]", "i_q": "#3 [A]", "torque": "#9"}},
+        {"channels": {"theta": "theta [deg]", "i_q": "torque"}, "scale": {"theta": 2.0, "i_q": 0.01}},
+        {"channels": {"i_q": "torque [%]", "torque": "i_q"}, "scale": {"i_q": 0.01}},
+        {"channels": {"t": "tick", "i_q": "i_q [A rms]"}, "rate": 500.0},
+    ],
+)
+def test_the_table_of_other_files_does_not_act_on_a_log_of_the_package(tmp_path: Path, log: dict) -> None:
+    found = read_log(write(tmp_path, AMPERES), design(log))
+    plain = read_log(write(tmp_path, AMPERES))
+    assert {name: values.tolist() for name, values in found.items()} == {
+        name: values.tolist() for name, values in plain.items()
+    }
+
+
+def test_a_unit_that_the_file_states_otherwise_is_doubted(tmp_path: Path) -> None:
+    found = read_log(write(tmp_path, GOOD), design({"channels": {"i_q": "i_q [A rms]"}}))
+    (notice,) = (one for one in found.provenance.notices if one.code == "other_unit")
+    assert "the file states [A], the design's [log] table [A rms]" in notice.text
+    assert "--map 'i_q=i_q [A rms]'" in notice.text
+
+
 FOREIGN = "Zeit;n;Strom\n0,0;0,0;1,5\n1,0;60,0;1,6\n2,0;120,0;1,7\n3,0;240,0;1,8\n"
 
 
