@@ -35,7 +35,7 @@ from pmsm_ctrl.design_parts import (
     Sensor,
     SpeedLoop,
 )  # fmt: skip
-from pmsm_ctrl.design_text import design_in_json, edited_text
+from pmsm_ctrl.design_text import design_in_json, edited_text, plain, same, with_tuples
 from pmsm_ctrl.errors import DesignError, NextCommand, nearest
 from pmsm_ctrl.files import example_design, write_text
 from pmsm_ctrl.units import psi_f_from, rounded
@@ -46,6 +46,7 @@ __all__ = [
 ]  # fmt: skip
 
 MAX_FILE = 1 << 24  # bytes of a design
+FREE = 0.999  # tolerance of an inertia of which nothing is known; a fit over a whole log takes no notice of it
 DEEPEST = 32  # parts of a dotted key
 DEEP = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
 
@@ -75,6 +76,7 @@ class Design(Part):
     source: str = Field(default="", exclude=True, repr=False, description="file the design was read from")
     # Code, so no field: a design file cannot name it, and equality and text ignore it.
     _own_effects: tuple[Any, ...] = PrivateAttr(default=())
+    _inertia_free: bool = PrivateAttr(default=False)  # a log alone told it; no field, so that no file states it
     _text: str = PrivateAttr(default="")  # of the file it was read from, which a changed copy is written like
 
     @field_validator("name")
@@ -150,6 +152,31 @@ class Design(Part):
     def K_t_assumed(self) -> float:
         """The torque constant that the controller and the evaluation use, N m/A peak."""
         return self.assumed.K_t if self.assumed.K_t is not None else self.K_t
+
+    def starting_from(self, J: float) -> Design:
+        """Return a copy with a rotor inertia that only a log tells: fits start there, and have no prior of it.
+
+        An inertia that is set later is a known one. Files have the number alone.
+
+        Parameters
+        ----------
+        J : float
+            kg m^2.
+        """
+        copy = self.replace(motor={"J": J})
+        copy._inertia_free = True
+        return copy
+
+    def tolerance(self, parameter: str, otherwise: float) -> float:
+        """Return the relative tolerance that a fit takes as its prior of a motor parameter.
+
+        Parameters
+        ----------
+        parameter : str
+        otherwise : float
+            Where the motor states none.
+        """
+        return FREE if parameter == "J" and self._inertia_free else self.motor.tolerance.get(parameter, otherwise)
 
     @property
     def log_period(self) -> float:
@@ -278,7 +305,9 @@ class Design(Part):
         changed = {name: rounded(value, known.get(name, math.nan)) for name, value in changed.items()}
         if "K_t" in changed and self.motor.p is not None and self.motor.psi_f is not None:
             changed["psi_f"] = psi_f_from(changed.pop("K_t"), self.motor.p)
-        return self.replace(**{**parts, "motor": {**parts.get("motor", {}), **changed}})
+        found = self.replace(**{**parts, "motor": {**parts.get("motor", {}), **changed}})
+        found._inertia_free &= "J" not in values  # the load may have taken the change
+        return found
 
     def replace(self, **parts: dict[str, Any]) -> Design:
         """Return a validated copy with fields of parts changed: ``design.replace(sensor={"current_noise": 0})``.
@@ -301,12 +330,11 @@ class Design(Part):
         for part, fields in parts.items():
             if part not in type(self).model_fields:
                 raise DesignError(f"no part '{part}' in a design{nearest(part, type(self).model_fields)}")
-            if isinstance(fields, dict) and isinstance(data.get(part, {}), dict):
-                data[part] = data.get(part, {}) | fields
-            else:
-                data[part] = fields
+            table = isinstance(fields, dict) and isinstance(data.get(part, {}), dict)
+            data[part] = data.get(part, {}) | fields if table else fields
         changed = Design.from_dict(data, source=self.source).with_own_effects(*self._own_effects)
         changed._text = self._text
+        changed._inertia_free = self._inertia_free and changed.motor.J == self.motor.J
         return changed
 
     def to_dict(self) -> dict[str, Any]:
@@ -321,7 +349,7 @@ class Design(Part):
             ]
         if self.acceptance:
             data["acceptance"] = [a.model_dump(exclude_defaults=True) for a in self.acceptance]
-        return {key: _plain(item) for key, item in data.items() if item not in ({}, ())}
+        return {key: plain(item) for key, item in data.items() if item not in ({}, ())}
 
     def to_toml(self) -> str:
         """Return the design as TOML text."""
@@ -355,7 +383,7 @@ class Design(Part):
             read_back = Design.from_toml(text)
         except DesignError:
             return None
-        return text if _close(read_back.to_dict(), wanted) else None
+        return text if same(read_back.to_dict(), wanted) else None
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], source: str = "") -> Design:
@@ -378,7 +406,7 @@ class Design(Part):
             Naming the file, the field, what was found and what would have been accepted.
         """
         try:
-            return cls.model_validate(_lists_to_tuples(data) | {"source": source})
+            return cls.model_validate(with_tuples(data) | {"source": source})
         except ValidationError as error:
             raise DesignError(explain(error, cls, source)) from None
 
@@ -470,30 +498,3 @@ class Design(Part):
         design = cls.from_dict(data, source=source)
         design._text = text
         return design
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items() if item not in ({}, ())}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
-
-
-def _close(one: Any, other: Any) -> bool:
-    """Whether two designs as plain values are the same, but for the rounding of a change of unit."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(_close(one[key], other[key]) for key in one)
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(_close, one, other))
-    if isinstance(one, float) and isinstance(other, float):
-        return math.isclose(one, other, rel_tol=1e-14) or one == other
-    return bool(one == other)
-
-
-def _lists_to_tuples(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _lists_to_tuples(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return tuple(_lists_to_tuples(item) for item in value)
-    return value

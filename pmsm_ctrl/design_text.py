@@ -11,7 +11,7 @@ from typing import Any
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.units import DATASHEET
 
-__all__ = ["design_in_json", "edited_text"]
+__all__ = ["design_in_json", "edited_text", "plain", "same", "with_tuples"]
 
 
 def design_in_json(text: str, source: str) -> dict[str, Any]:
@@ -71,6 +71,50 @@ def edited_text(text: str, before: Mapping[str, Any], after: Mapping[str, Any]) 
     except (TOMLKitError, AttributeError, KeyError, TypeError, ValueError):  # the caller writes the design anew
         return None
     return changed if "\n\n\n" in text else re.sub(r"\n{3,}", "\n\n", changed)
+
+
+def plain(value: Any) -> Any:
+    """Return a design as plain values without what is empty, and with lists in place of tuples.
+
+    Parameters
+    ----------
+    value : object
+    """
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items() if item not in ({}, ())}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value
+
+
+def same(one: Any, other: Any) -> bool:
+    """Return whether two designs as plain values are the same, but for the rounding of a change of unit.
+
+    Parameters
+    ----------
+    one, other : object
+    """
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-14) or one == other
+    return bool(one == other)
+
+
+def with_tuples(value: Any) -> Any:
+    """Return plain values with tuples in place of lists.
+
+    Parameters
+    ----------
+    value : object
+    """
+    if isinstance(value, dict):
+        return {key: with_tuples(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return tuple(with_tuples(item) for item in value)
+    return value
 
 
 def _edit(table: Any, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:

@@ -128,7 +128,7 @@ def machine_of(design: Design, fit: Fitted, tolerance: float) -> dict[str, Machi
         k = fit.model.names.index(name)
         nominal = design.J if name == "J" else float(getattr(design.motor, name))
         value, stderr = float(fit.estimate.values[k]), float(fit.plain.stderr[k])
-        found[name] = Machine(value, stderr, nominal, design.motor.tolerance.get(name, tolerance))
+        found[name] = Machine(value, stderr, nominal, design.tolerance(name, tolerance))
     return found
 
 

@@ -30,7 +30,7 @@ def doubts(design: Design, fit: Fit) -> list[Notice]:
         found.append(words.FEW_DEGREES_OF_FREEDOM(dof=fit.dof, percent=100.0 / np.sqrt(2.0 * fit.dof)))
     if "J" in fit.values:
         deviation = fit.values["J"] / design.J - 1.0
-        tolerance = design.motor.tolerance.get("J", policy.INERTIA_TOLERANCE)
+        tolerance = design.tolerance("J", policy.INERTIA_TOLERANCE)
         if abs(deviation) > tolerance:
             found.append(words.INERTIA_OFF(percent=100.0 * deviation, tolerance=100.0 * tolerance))
     return found

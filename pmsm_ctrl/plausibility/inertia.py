@@ -10,13 +10,12 @@ from pmsm_ctrl.log import Log, Logs, as_logs
 __all__ = ["with_inertia"]
 
 CERTAIN = 5.0  # standard errors of an inertia that a fit can start from
-FREE = 0.999  # tolerance of an inertia of which nothing is known; a fit over a whole log takes no notice of it
 
 
 def with_inertia(design: Design, log: Logs) -> Design:
     """Return the design with an inertia: its own, or where that is unknown the one by which the log's axis accelerates.
 
-    Its tolerance is then so wide that no prior is left in the fits.
+    The fits then have no prior of it. What is written of the design has the tolerance that the design states, or none.
 
     Parameters
     ----------
@@ -42,7 +41,7 @@ def with_inertia(design: Design, log: Logs) -> Design:
         )
     load = design.load.at_motor
     J = best.inertia - load if best.inertia > 1.01 * load else 0.01 * best.inertia
-    return design.replace(motor={"J": J, "tolerance": {**design.motor.tolerance, "J": FREE}})
+    return design.starting_from(J)
 
 
 def _balance(design: Design, log: Log) -> Balance:

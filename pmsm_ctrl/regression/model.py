@@ -308,7 +308,7 @@ def _columns_of(record: Record, terms: Sequence[Term], filtered: bool = False) -
 
 def _motion_terms(design: Design, record: Record) -> Iterator[Term]:
     """Inertia, and what is not known of the moments of reversal, of a known load and of the encoder's lines."""
-    s, tolerance = record.signals, design.motor.tolerance.get("J", TOLERANCE)
+    s, tolerance = record.signals, design.tolerance("J", TOLERANCE)
     yield Term("J", lambda: {"torque": s["alpha"]}, design.J, tolerance * design.J)
     if record.dry > 0.0:
         yield Term(

@@ -218,6 +218,6 @@ def _slow_states(design: Design, settings: Settings) -> tuple[Array, Array]:
         prior[model.T_LOAD] = 2.0 * prior[model.F_C] if given is None else given
         drift[model.T_LOAD] = drift[model.F_C] if settings.drift_T_load is None else settings.drift_T_load
     if "J" in settings.estimate:
-        share = design.motor.tolerance.get("J", 0.15)
+        share = design.tolerance("J", 0.15)
         prior[model.INERTIA] = share * design.J if settings.prior_J is None else settings.prior_J
     return prior, drift

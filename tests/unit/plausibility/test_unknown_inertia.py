@@ -11,7 +11,7 @@ import pytest
 from pmsm_ctrl.cli import app
 from pmsm_ctrl.console import run
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import stepwise
+from pmsm_ctrl.diagnose import add, diagnose, stepwise
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.identify import identify
@@ -23,6 +23,13 @@ from pmsm_ctrl.simulate import simulate
 
 T = np.zeros(1)
 PLAIN = {"effects": [{"id": "coulomb", "F_c": 0.01}, {"id": "viscous", "F_v": 1e-4}]}
+
+
+def toml(fields: dict[str, float]) -> str:
+    return "".join(f"{name} = {value}\n" for name, value in fields.items())
+
+
+EFFECTS = '[[effects]]\nid = "coulomb"\nF_c = 0.01\n\n[[effects]]\nid = "viscous"\nF_v = 1e-4\n'
 
 
 def recorded(J: float, seed: int = 3, seconds: float = 10.0) -> Log:
@@ -56,14 +63,42 @@ def test_no_prior_is_left() -> None:
     unknown = Design.from_dict({"motor": {"J": "unknown", "K_t": 0.5}, **PLAIN})
     free = with_inertia(unknown, log)
     assert pytest.approx(3e-4, rel=0.05) == free.motor.J
-    assert free.motor.tolerance["J"] > 0.99
+    assert free.tolerance("J", 0.15) > 0.99
     # an inertia twice as large to start from leads to the same one
-    twice = free.replace(motor={"J": 2 * free.J})
+    twice = free.starting_from(2 * free.J)
     assert identify(twice, log).estimates["J"].value == pytest.approx(
         identify(free, log).estimates["J"].value, rel=1e-3
     )
     known = Design.from_dict({"motor": {"J": 1e-4, "K_t": 0.5}})
     assert with_inertia(known, log) is known
+
+
+@pytest.mark.parametrize("stated", [{}, {"J": 0.08}, {"psi_f": 0.1}])
+@pytest.mark.parametrize("load", [{}, {"J": 2.5e-4}])
+def test_a_written_design_has_the_tolerance_that_was_stated(
+    tmp_path: Path, stated: dict[str, float], load: dict[str, float]
+) -> None:
+    path, table = tmp_path / "axis.toml", f"[motor.tolerance]\n{toml(stated)}" if stated else ""
+    path.write_text(f'[motor]\nJ = "unknown"\nK_t = 0.5\n{table}[load]\n{toml(load)}{EFFECTS}')
+    given, log = Design.read(path), recorded(3e-4)
+    for found in (
+        identify(given, log).design, add(given, log, "stribeck"), stepwise(given, log).design,
+        diagnose(given, log, plan=False).design,
+    ):  # fmt: skip
+        written = tomllib.loads(found.write(tmp_path / "found.toml").read_text())["motor"]
+        assert written.get("tolerance", {}) == stated
+        assert pytest.approx(3e-4, rel=0.01) == found.J
+        assert found.motor.tolerance == given.motor.tolerance
+        # it is a known one from now on
+        assert found.tolerance("J", 0.15) == given.motor.tolerance.get("J", 0.15)
+
+
+def test_a_start_value_stays_one_until_an_inertia_is_set() -> None:
+    free = Design.from_dict({"motor": {"J": "unknown", "K_t": 0.5}, "load": {"J": 1e-3}}).starting_from(1e-4)
+    copies = (free, free.replace(name="b"), free.with_effect("coulomb", {"F_c": 0.1}), free.with_parameters(K_t=0.6))
+    assert all(copy.tolerance("J", 0.15) > 0.99 for copy in copies)
+    known = (free.with_parameters(J=1.2e-3), free.replace(motor={"J": 2e-4}), Design.from_dict(free.to_dict()))
+    assert all(copy.tolerance("J", 0.15) == 0.15 for copy in known)
 
 
 def test_a_log_that_does_not_tell_it_is_refused() -> None:
