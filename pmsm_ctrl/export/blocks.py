@@ -140,14 +140,23 @@ def identifier(text: str) -> str:
 
 
 def loop_gains(design: Design) -> tuple[Value, ...]:
-    """Return the loops' gains as constants."""
+    """Return the loops' gains as constants; those of the d axis and of the reference speed where they differ."""
     if design.loops is None:
         return ()
     current, speed, position = design.loops.current, design.loops.speed, design.loops.position
-    inertia = position.acceleration_feedforward * design.J / design.K_t_assumed
+    inertia = position.acceleration_feedforward * (design.assumed.J or design.J) / design.K_t_assumed
+    others = (
+        Value("CURRENT_KP_D", "V/A, of the d axis", current.K_p_d or current.K_p),
+        Value("CURRENT_TN_D", "s, of the d axis", current.T_n_d or current.T_n),
+        Value(
+            "VELOCITY_FEEDFORWARD", "share of the reference speed that is fed forward", position.velocity_feedforward
+        ),
+    )
+    usual = (current.K_p, current.T_n, 1.0)
     return (
         Value("CURRENT_KP", "V/A", current.K_p),
         Value("CURRENT_TN", "s", current.T_n),
+        *(value for value, same in zip(others, usual, strict=True) if value.number != same),
         Value("SPEED_KP", "A/(rad/s)", speed.K_p),
         Value("SPEED_TN", "s", speed.T_n),
         Value("REFERENCE_FILTER", "s, of the reference speed in speed control", speed.reference_filter),

@@ -24,6 +24,8 @@ from pmsm_ctrl.export import export_files as checked_export_files
 from pmsm_ctrl.export.blocks import identifier
 from pmsm_ctrl.export.tables import angle_table, friction_points
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
+from pmsm_ctrl.simulate.feedforward import Feedforward
+from pmsm_ctrl.simulate.parameters import Controller
 from tests.effort import seeds
 from tests.unit.export.compiled_c import FLAGS, Compensator
 from tests.unit.export.structured_text import parsed, parsed_library, parsed_tcpou
@@ -207,6 +209,34 @@ def test_every_variable_of_the_compensator_says_what_it_is_and_is_used(design: D
     c = export(axis, "c")
     assert "(void)omega" not in c
     assert c.count('extern "C"') == 1
+
+
+@pytest.mark.parametrize("assumed", [{}, {"J": 4.5e-5}, {"K_t": 0.9}, {"J": 2e-4, "K_t": 1.2}])
+@pytest.mark.parametrize("source", ["reference", "observer"])
+def test_exported_constants_are_those_of_the_simulated_controller(
+    designs: Path, assumed: dict[str, float], source: str
+) -> None:
+    axis = Design.read(designs / "seed_motor.toml").replace(
+        assumed=assumed, compensation={"gain": 0.8, "source": source, "bandwidth": 200.0}
+    )
+    current = {**axis.to_dict()["loops"]["current"], "K_p_d": 7.0, "T_n_d": 0.004}
+    place = {**axis.to_dict()["loops"]["position"], "velocity_feedforward": 0.9, "acceleration_feedforward": 0.8}
+    axis = axis.replace(loops={"current": current, "position": place})
+    number = r"(?:#define SEED_MOTOR_|const double )([A-Z_]+)(?: =)? (-?[\d.E+-]+)"
+    told = {name: float(value) for name, value in re.findall(number, export(axis, "c"))}
+    drive, fed = Controller.of(axis, "position"), Feedforward.of(axis)
+    assert fed is not None
+    simulated = {
+        "CURRENT_KP": drive.current_gain[1], "CURRENT_TN": 1.0 / axis.drive.f_control / drive.current_integral[1],
+        "CURRENT_KP_D": drive.current_gain[0], "CURRENT_TN_D": 1.0 / axis.drive.f_control / drive.current_integral[0],
+        "SPEED_KP": drive.speed_gain, "SPEED_TN": axis.drive.speed_period / drive.speed_integral,
+        "POSITION_KV": drive.position_gain, "VELOCITY_FEEDFORWARD": drive.velocity_feedforward,
+        "INERTIA_FEEDFORWARD": drive.acceleration_feedforward,
+    }  # fmt: skip
+    values = dict(zip(fed.names, fed.values.tolist(), strict=True))
+    simulated |= {"K_T": values["K_t"], "GAIN": values["gain"], "LIMIT": values["limit"]}
+    simulated |= {"INERTIA": values["inertia"], "SHARE": values["share"]} if source == "observer" else {}
+    assert {name: told[name] for name in simulated} == pytest.approx(simulated, rel=1e-12)
 
 
 def test_headers_compile_as_cpp_and_link_to_the_c(design: Design, tmp_path: Path) -> None:
