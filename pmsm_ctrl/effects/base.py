@@ -283,14 +283,16 @@ class Effect:
         Raises
         ------
         DesignError
-            For an unknown parameter or a value outside its bounds.
+            For an unknown parameter, in the values or in their standard errors, or a value outside its bounds.
         """
         label = f"{where}effects.{self.id}"
         known = {p.symbol: p for p in self.parameters}
-        for symbol in entry.parameters:
+        named = {symbol: symbol for symbol in entry.parameters}
+        named |= {f"stderr.{symbol}": symbol for symbol in entry.stderr}
+        for place, symbol in named.items():
             if symbol not in known:
                 raise DesignError(
-                    f"{label}.{symbol}: unknown parameter{nearest(symbol, known)} (known: {', '.join(known)})"
+                    f"{label}.{place}: unknown parameter{nearest(symbol, known)} (known: {', '.join(known)})"
                 )
         out = {}
         for symbol, parameter in known.items():

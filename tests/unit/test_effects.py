@@ -219,6 +219,15 @@ def test_unknown_parameter_is_refused_with_file_and_field(effect: Effect, tmp_pa
     assert "\n" not in message
 
 
+def test_a_standard_error_of_an_unknown_parameter_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.toml"
+    Design.from_dict({"motor": MOTOR}).with_effect("coulomb", {"F_c": 0.1}, {"F_x": 1.0}).write(path)
+    with pytest.raises(DesignError) as caught:
+        bound_effects(Design.read(path))
+    expected = f"{path}: effects.coulomb.stderr.F_x: unknown parameter; did you mean 'F_c'? (known: F_c)"
+    assert str(caught.value) == expected
+
+
 @each_effect
 def test_value_out_of_bounds_is_refused_with_file_and_field(effect: Effect, tmp_path: Path) -> None:
     path = tmp_path / "wrong.toml"
