@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from pmsm_ctrl.biquads import Biquad, lead, low_pass, notch
-from pmsm_ctrl.units import DATASHEET, rounded, torque_constant
+from pmsm_ctrl.units import DATASHEET, DatasheetValue, rounded, torque_constant
 
 __all__ = [
     "LARGE", "SMALL", "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Drive", "EffectEntry", "Effects",
@@ -19,6 +20,7 @@ __all__ = [
 # In SI units every machine from a watch to a ship lies well inside. A number outside has a wrong unit, and products of
 # such numbers overflow a double. A field with narrower bounds is a plain float: of two bounds pydantic keeps one.
 SMALL, LARGE = 1e-15, 1e15
+LONG = 1e300  # an integer of more digits is no double
 Positive = Annotated[float, Field(ge=SMALL, le=LARGE, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGE, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGE, le=LARGE, allow_inf_nan=False)]
@@ -43,19 +45,24 @@ class SheetPart(Part):
     def datasheet_names(cls) -> list[str]:
         """Return the datasheet names that belong in this part."""
         fields = {*cls.model_fields, *(("L",) if "L_q" in cls.model_fields else ())}
-        return [name for name, sheet in DATASHEET.items() if sheet.field in fields]
+        return [name for name, sheet in cls.sheet().items() if sheet.field in fields]
+
+    @classmethod
+    def sheet(cls) -> Mapping[str, DatasheetValue]:
+        """Return the datasheet names that are converted."""
+        return DATASHEET
 
 
-def _convert_datasheet(data: dict[str, Any], part: type[Part]) -> dict[str, Any]:
+def _convert_datasheet(data: dict[str, Any], part: type[SheetPart]) -> dict[str, Any]:
     """Replace datasheet names by SI fields; two names for one field are an error."""
     out: dict[str, Any] = {}
     origin: dict[str, str] = {}
     for key, value in data.items():
-        sheet = DATASHEET.get(key)
+        sheet = part.sheet().get(key)
         targets = {key: value}
         if sheet is not None:
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise ValueError(f"{key} must be a number ({sheet.meaning}), not {value!r}")
+            if isinstance(value, bool) or not isinstance(value, int | float) or LONG < abs(value) < math.inf:
+                raise ValueError(f"{key} must be a number ({sheet.meaning}), not {value!r:.60}")
             pole_pairs = data.get("p")
             if sheet.per_pole_pair and (not isinstance(pole_pairs, int) or pole_pairs < 1):
                 raise ValueError(f"{key} needs the pole pairs p, an integer of at least 1")
@@ -307,23 +314,23 @@ class Loops(Part):
         return own if in_position and own is not None else self.speed.reference_filter
 
 
-class Assumed(Part):
+class Assumed(SheetPart):
     """Values that the controller and the evaluation assume where they differ from the motor."""
 
-    K_t: Positive | None = Field(default=None, description="torque constant known to the controller, N m/A peak")
-    R: Positive | None = None
-    L_d: Positive | None = None
-    L_q: Positive | None = None
-    J: Positive | None = None
+    K_t: Positive | None = Field(
+        default=None, description="torque constant of controller and evaluation, N m/A peak; K_t_rms: N m/A rms"
+    )
+    R: Positive | None = Field(default=None, description="phase resistance that the current loop is tuned for, Ohm")
+    L_d: Positive | None = Field(default=None, description="of the decoupling and of the tuned current loop, H")
+    L_q: Positive | None = Field(default=None, description="of the decoupling and of the tuned current loop, H")
+    J: Positive | None = Field(
+        default=None, description="load included: of the feedforward, the observer and the tuned speed loop, kg m^2"
+    )
 
-    @model_validator(mode="before")
     @classmethod
-    def _from_datasheet(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or "K_t_rms" not in data:
-            return data
-        changed = dict(data)
-        changed["K_t"] = changed.pop("K_t_rms") / math.sqrt(2.0)
-        return changed
+    def sheet(cls) -> Mapping[str, DatasheetValue]:
+        """Return the one name that is converted: its field is the torque constant, and not the flux."""
+        return {"K_t_rms": DatasheetValue("K_t", math.sqrt(0.5), DATASHEET["K_t_rms"].meaning)}
 
 
 class EffectEntry(Part):

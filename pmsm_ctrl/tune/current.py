@@ -86,6 +86,8 @@ def _winding(design: Design, axis: str) -> Any:
 def tune_current(design: Design, specification: Specification | None = None) -> CurrentLoop:
     """Return the current controllers of both axes for a specification.
 
+    The rules take the winding that the controller assumes; a crossover, and the highest one, are those of the motor's.
+
     Raises
     ------
     RequestError
@@ -93,7 +95,7 @@ def tune_current(design: Design, specification: Specification | None = None) -> 
     """
     wanted = specification or Specification()
     method, asked, phase_margin = wanted.current, wanted.current_bandwidth, wanted.phase_margin
-    m = Plant.of(design)
+    R, L_q, L_d = _assumed(design)
     check_method("current loop", method, METHODS)
     if not 5.0 <= phase_margin <= 85.0:
         raise RequestError(
@@ -106,14 +108,20 @@ def tune_current(design: Design, specification: Specification | None = None) -> 
                 "current loop: the modulus optimum fixes the bandwidth by the delay; leave `current_bandwidth` out, "
                 "or take the method 'pole_cancellation' or 'bandwidth'"
             )
-        return _loop([modulus_optimum(m.R, L, budget.current) for L in (m.L_q, m.L_d)])
+        return _loop([modulus_optimum(R, L, budget.current) for L in (L_q, L_d)])
     limit = highest_bandwidth(design, phase_margin)
     if asked is not None or method == "bandwidth":
         asked = check_bandwidth("current loop", asked, limit, phase_margin, budget.explain_current())
     if method == "pole_cancellation":
-        return _loop([pole_cancellation(m.R, L, limit if asked is None else asked) for L in (m.L_q, m.L_d)])
+        return _loop([pole_cancellation(R, L, limit if asked is None else asked) for L in (L_q, L_d)])
     assert asked is not None
     return _loop([pi_for_margin(_winding(design, axis), asked, phase_margin) for axis in ("q", "d")])
+
+
+def _assumed(design: Design) -> tuple[float, float, float]:
+    """Resistance and inductances of q and d that the controller assumes."""
+    m, assumed = Plant.of(design), design.assumed
+    return assumed.R or m.R, assumed.L_q or m.L_q, assumed.L_d or m.L_d
 
 
 def _loop(gains: list[tuple[float, float]]) -> CurrentLoop:

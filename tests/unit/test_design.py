@@ -277,6 +277,9 @@ def test_every_bound_of_a_field_holds(part: type[Part], name: str, field: FieldI
 # ---- messages ---------------------------------------------------------------------------------------------------
 
 
+ASSUMED = "[motor]\nJ = 1.0\nK_t = 1.0\n[assumed]\n"
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -294,6 +297,15 @@ def test_every_bound_of_a_field_holds(part: type[Part], name: str, field: FieldI
         ("[motor]\nJ = 1.0\nK_t_rms = 1.0", ["motor", "K_t_rms needs the pole pairs p"]),
         ("[motor]\nJ = 1.0\np = -4\nK_t_rms = 1.0", ["motor", "pole pairs p", "at least 1"]),
         ("[motor]\nJ = 1.0\nK_t_rms = 'big'\np = 4", ["K_t_rms must be a number", "N m per A rms"]),
+        (f"[motor]\nJ_kg_cm2 = {'9' * 400}\nK_t = 1.0", ["motor", "J_kg_cm2 must be a number", "not 9999"]),
+        (f"{ASSUMED}K_t_rms = 'x'", ["assumed: K_t_rms must be a number", "N m per A rms", "'x'"]),
+        (f"{ASSUMED}K_t_rms = [1.0]", ["assumed: K_t_rms must be a number", "(1.0,)"]),
+        (f"{ASSUMED}K_t_rms = true", ["assumed: K_t_rms must be a number", "True"]),
+        (f"{ASSUMED}K_t_rms = {'9' * 400}", ["assumed: K_t_rms must be a number"]),
+        (f"{ASSUMED}K_t_rms = nan", ["assumed.K_t", "nan"]),
+        (f"{ASSUMED}K_t = 2.0\nK_t_rms = 1.0", ["assumed", "K_t_rms and K_t both determine K_t; keep one"]),
+        (f"{ASSUMED}K_t_rms = 1.0\nK_t = 2.0", ["assumed", "K_t and K_t_rms both determine K_t; keep one"]),
+        (f"{ASSUMED}K_t_rm = 1.0", ["assumed.K_t_rm", "unknown field", "K_t_rms"]),
         ("[motor]\nJ = 1.0\nK_t = 1.0\ni_max_rms = 1.0", ["motor", "i_max_rms"]),
         ("motion = 'round'\n[motor]\nJ = 1.0\nK_t = 1.0", ["motion", "'round'", "rotary", "linear"]),
         ("[motor]\nJ = 1.0\nK_t = 1.0\n[drive]\nplant_steps = 1.5", ["drive.plant_steps", "1.5"]),

@@ -47,6 +47,23 @@ def test_modulus_optimum_of_the_seed_motor(seed_motor):
     assert loop.K_p_d is None
 
 
+@pytest.mark.parametrize("method", ["modulus_optimum", "pole_cancellation"])
+def test_the_rules_take_the_winding_that_the_controller_assumes(seed_motor, method):
+    wanted = Specification(current=method, current_bandwidth=None if method == "modulus_optimum" else 500.0)
+    loop = current.tune_current(seed_motor.replace(assumed={"R": 25.0, "L_q": 0.06, "L_d": 0.04}), wanted)
+    right = current.tune_current(seed_motor, wanted)
+    assert (loop.T_n, loop.T_n_d) == (pytest.approx(0.06 / 25.0), pytest.approx(0.04 / 25.0))
+    assert loop.K_p / right.K_p == pytest.approx(0.06 / 49.16e-3)
+    assert loop.K_p_d / right.K_p == pytest.approx(0.04 / 49.16e-3)
+
+
+def test_a_bandwidth_is_met_on_the_motor_whatever_is_assumed(seed_motor):
+    wanted = by_bandwidth("current", 500.0, 60.0)
+    assert current.tune_current(seed_motor.replace(assumed={"R": 25.0}), wanted) == current.tune_current(
+        seed_motor, wanted
+    )
+
+
 def test_unequal_axes_get_their_own_gains(designs):
     loop = current.tune_current(Design.read(designs / "servo_2kw.toml"))
     assert loop.K_p_d / loop.K_p == pytest.approx(4.5 / 5.5)
