@@ -63,7 +63,7 @@ Memo = dict[tuple[object, ...], Any]
 
 CHANNELS = ("torque", "u_d", "u_q")
 # Signals that follow from what a model predicts; all others stay what they were measured.
-MODELLED = frozenset({"torque", "i_q", "di_q"})
+MODELLED = frozenset({"torque", "i_q", "di_q", "inertia"})
 
 # Below this share of the fast speed the direction is uncertain; see `direction`.
 STANDSTILL = 0.0005

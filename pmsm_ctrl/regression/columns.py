@@ -109,7 +109,7 @@ def _memo(record: Record, effect: Effect, key: tuple[object, ...]) -> Memo:
     """Return the cache for an effect's columns; it lives from fit to fit for columns of the measured motion alone."""
     if key in record.kept:
         return record.kept
-    modelled = effect.channels == ("theta",) or not MODELLED.isdisjoint(effect.structure.reads(effect))
+    modelled = not MODELLED.isdisjoint(effect.structure.reads(effect))
     column = record.target[0].nbytes  # one, in the torque balance alone: most are such
     return record.memo if modelled or len(record.kept) * column > MOST_KEPT else record.kept
 

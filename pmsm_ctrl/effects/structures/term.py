@@ -54,8 +54,9 @@ class Term(Structure):
         return {"torque": torque} | _voltage(entering["voltage"]) | _measurement(measured)
 
     def reads(self, effect: Effect) -> frozenset[str]:
-        """Return the term's signals; a wrong current enters beside the true one."""
-        return frozenset((*effect.signals, *(CURRENTS if effect.channels == CURRENTS else ())))
+        """Return the term's signals; a wrong current enters beside the true one, a wrong angle by the inertia."""
+        beside = {CURRENTS: CURRENTS, ("theta",): ("inertia",)}
+        return frozenset((*effect.signals, *beside.get(effect.channels, ())))
 
     def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:
         """Return the term per unit, and for a sensor's error what follows from it to first order.
