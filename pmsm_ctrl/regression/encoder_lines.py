@@ -52,7 +52,7 @@ def line_swings(record: Record, lines: int) -> tuple[Array, Array]:
     slow = np.clip(2.0 - frequency / (FOLLOWED * record.cutoff), 0.0, 1.0)
     angle = lines * theta
     swings = (slow * record.rate_of(record.rate_of(error * wave(angle))) for wave in (np.sin, np.cos))
-    sine, cosine = (record.inertia * swing for swing in swings)
+    sine, cosine = (record.design.J * swing for swing in swings)
     return sine, cosine
 
 
