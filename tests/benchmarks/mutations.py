@@ -58,7 +58,7 @@ MUTATIONS = (
              "if len(whole) == len(log) or times < 2:", "if True:", "unit/regression/test_weights.py"),
     Mutation("stepped: a bristle alone is a torque that is late", "regression/stepped_reversals.py",
              "> LOUD * tried[moment]:", "> 1e9 * tried[moment]:",
-             "unit/regression/test_stepped_reversals.py -k bristle"),
+             "unit/regression/test_stepped_reversals.py -k no_delay"),
     Mutation("voltages: the drive's axes are those of the magnets", "regression/model.py",
              "ALIGNED = \"delta_frame\", 0.05", "ALIGNED = \"delta_frame\", 1e-9", "unit/diagnose/test_commutation.py"),
     Mutation("twins: what nothing tells apart is shared out", "regression/base_fit.py",

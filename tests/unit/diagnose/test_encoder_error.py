@@ -9,7 +9,7 @@ from pmsm_ctrl import Design, add
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.log import Log
-from tests.effort import seeds
+from tests.effort import seeds, slow
 
 J, F_C, F_V, E_S = 9e-5, 0.0213, 1.68e-4, 0.004
 
@@ -26,7 +26,7 @@ def log_of(seed: int) -> Log:
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
-@pytest.mark.parametrize("believed", [7.8e-5, 1.03e-4])
+@pytest.mark.parametrize("believed", [slow(7.8e-5), 1.03e-4])
 def test_its_size_is_right_whatever_inertia_the_design_has(seed: int, believed: float) -> None:
     dry = [{"id": "coulomb", "F_c": 0.02}, {"id": "viscous", "F_v": 1.8e-4}]
     design, log = Design.from_dict({"motor": {"J": believed, "K_t": 1.0, "p": 4}, "effects": dry}), log_of(seed)

@@ -99,8 +99,7 @@ def test_friction_that_bends_is_no_step_that_is_late(seed: int) -> None:
     assert record.timing.stepped is None
 
 
-@pytest.mark.parametrize("seed", seeds(1, 2, 3))
-def test_a_friction_that_is_late_while_the_inertia_is_not_is_a_bristle(seed: int) -> None:
+def bent_staircase(seed: int) -> tuple[Design, Log]:
     """A staircase of the speed that reverses twice: the edges of the acceleration are in time."""
     fine = 4
     t = np.arange(0.0, 26.0, 1.0 / (fine * RATE))
@@ -112,7 +111,20 @@ def test_a_friction_that_is_late_while_the_inertia_is_not_is_a_bristle(seed: int
     measured = torque[::fine] + 5e-3 * np.random.default_rng(seed).normal(size=t[::fine].size)
     log = Log({"t": t[::fine], "theta": theta[::fine], "torque": measured})
     dry = [{"id": "coulomb", "F_c": 0.85}, {"id": "viscous", "F_v": 0.0021}]
-    found = diagnose(Design.from_dict({"motor": {"J": 4.0e-3, "K_t": 1.0}, "effects": dry}), log, plan=False)
+    return Design.from_dict({"motor": {"J": 4.0e-3, "K_t": 1.0}, "effects": dry}), log
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_a_friction_that_is_late_while_the_inertia_is_not_is_no_delay(seed: int) -> None:
+    record = timed_record(*bent_staircase(seed))
+    assert abs(record.timing.late) <= record.sampling  # 4 ms before
+    assert record.timing.stepped is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_it_is_a_bristle(seed: int) -> None:
+    found = diagnose(*bent_staircase(seed), plan=False)
     assert [step.effect for step in found.steps] == ["presliding"]
     assert not [notice for notice in found.notices if notice.code == "not_synchronous"]
 
