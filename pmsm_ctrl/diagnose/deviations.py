@@ -17,6 +17,7 @@ from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.drive_timing import AGE, LATENESS
 from pmsm_ctrl.regression.model import ALIGNED, ALIGNMENT, LOAD_SCALE
+from pmsm_ctrl.regression.notices import AS_STATED
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -187,7 +188,7 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
             other = _pole_pairs_instead(fit.record.design, d, policy)
             yield notices.TORQUE_CONSTANT(nominal=d.nominal, percent=percent, estimate=d.estimate, other=other)
     if held := [name for k, name in enumerate(fit.model.names) if fit.model.as_stated(k)]:
-        yield notices.AS_STATED(parameters=", ".join(held))
+        yield AS_STATED(parameters=", ".join(held))
     yield from _commutation(fit, policy)
     if fit.record.age is None:
         return

@@ -13,7 +13,6 @@ from pmsm_ctrl.section import Notice, Template
 __all__ = [
     "ABOVE_FLOOR",
     "AS_SENSOR",
-    "AS_STATED",
     "BEYOND_BAND",
     "BEYOND_LOG",
     "COMMUTATION",
@@ -87,10 +86,6 @@ ESTIMATE_AT_BOUND = Template(
     "estimate_at_bound",
     "{parameter} is held at its bound {bound:g}, and the others are fitted with it; without bounds it would be "
     "{value:.3g} +- {stderr:.2g}",
-)
-AS_STATED = Template(
-    "as_stated",
-    "{parameters}: held at what the design states: this log does not distinguish it from the other parameters",
 )
 TORQUE_CONSTANT = Template(
     "torque_constant",

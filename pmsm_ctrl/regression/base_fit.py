@@ -27,8 +27,8 @@ from pmsm_ctrl.regression.spread import with_spread
 
 __all__ = [
     "SETTLED", "Accepted", "Estimated", "Settled", "assembled", "base_fit", "delay_of", "error_left", "estimated",
-    "false_torque",
-    "laid_out_again", "settled_model", "true_torque", "weighted", "with_bristles", "with_priors",
+    "false_torque", "laid_out_again", "reads_torque", "settled_model", "true_torque", "weighted", "with_bristles",
+    "with_priors",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -217,7 +217,7 @@ def _with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model
     of one and an inertia of zero.
     """
     sigma = model.sigma.copy()
-    held = [k for k in np.flatnonzero(model.nominal).tolist() if _reads_torque(model.group_of(k).effect)]
+    held = [k for k in np.flatnonzero(model.nominal).tolist() if reads_torque(model.group_of(k).effect)]
     if held:
         shares = own_shares(model.matrix[0] * (record.weight[0] * record.mask)[:, None])
         for k in held:
@@ -226,7 +226,13 @@ def _with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model
     return replace(model, sigma=sigma)
 
 
-def _reads_torque(effect: Effect | None) -> bool:
+def reads_torque(effect: Effect | None) -> bool:
+    """Return whether an effect on the torque is a share of it.
+
+    Parameters
+    ----------
+    effect : Effect or None
+    """
     return effect is not None and effect.enters == "torque" and "torque" in effect.signals
 
 

@@ -17,13 +17,13 @@ from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.bandwidth import with_sound_inertia
-from pmsm_ctrl.regression.base_fit import Settled, settled_model
+from pmsm_ctrl.regression.base_fit import Settled, reads_torque, settled_model
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.drive_timing import AGE, LATENESS, Sampling
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
 from pmsm_ctrl.regression.model import FIXED
-from pmsm_ctrl.regression.notices import NO_REGRESSION
+from pmsm_ctrl.regression.notices import AS_STATED, NO_REGRESSION
 from pmsm_ctrl.regression.timed_record import as_possible_command, timed_record
 from pmsm_ctrl.units import axis_unit
 
@@ -95,7 +95,8 @@ def based(design: Design, log: Log) -> Based:
 def _problem(design: Design, found: Settled) -> Problem:
     record, model, prepared = found.record, found.model, found.record.prepared
     entering = [k for k in range(len(model.names)) if np.any(model.matrix[0][:, k])]
-    held = [k for k in entering if not _identified(model.group_of(k))]
+    shares = [k for k in entering if model.as_stated(k) and reads_torque(model.group_of(k).effect)]
+    held = [k for k in entering if k in shares or not _identified(model.group_of(k))]
     stateful = (effect.id for effect, _ in bound_effects(design) if effect.has_state and effect.enters == "torque")
     return Problem(
         target=record.target[0] - model.matrix[0][:, held] @ model.nominal[held],
@@ -107,7 +108,11 @@ def _problem(design: Design, found: Settled) -> Problem:
         unit=axis_unit("N m", prepared.motion),
         rate=record.rate,
         cutoff=record.cutoff,
-        notes=(*record.notes, *(NO_REGRESSION(effect=name) for name in stateful)),
+        notes=(
+            *record.notes,
+            *(NO_REGRESSION(effect=name) for name in stateful),
+            *(AS_STATED(parameters=model.names[k]) for k in shares),
+        ),
     )
 
 

@@ -7,6 +7,7 @@ from pmsm_ctrl.section import Template
 
 __all__ = [
     "ASSUMED_I_D",
+    "AS_STATED",
     "CHANNEL_LEFT_OUT",
     "COARSE_ANGLE",
     "DEAD_VOLTAGES",
@@ -96,6 +97,10 @@ TORQUE_EDGES = Template(
 )
 MEASUREMENT_EFFECT_LEFT_IN = Template(
     "measurement_effect_left_in", "{effect} is not corrected: the log lacks a channel that its term needs"
+)
+AS_STATED = Template(
+    "as_stated",
+    "{parameters}: held at what the design states: this log does not distinguish it from the other parameters",
 )
 NO_REGRESSION = Template(
     "no_regression",
