@@ -189,6 +189,7 @@ def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...
     if _delays(model) and record.delayed > record.period:  # no slope of the measured torque reaches as far
         record = with_modelled_torque(record, in_time(record, record.delayed), record.delayed)
         model, notes = assembled(design, record, accepted, settled)
+    model = _with_twins_held(record, model)
     left = saturated(record, model)
     rough = rough_solution(record, _with_torque_held(record, model), left, rough_weights(record, left))
     for _ in range(PASSES):
@@ -197,7 +198,7 @@ def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...
         del model, rough, left  # the matrix of a long log is large: the next one takes its place
         record = replace(with_modelled_torque(record, torque, late), found=inertia)
         model, notes = assembled(design, record, accepted, settled)
-        model = _with_torque_held(record, model, OWN)
+        model = _with_torque_held(record, _with_twins_held(record, model), OWN)
         left = saturated(record, model)
         weights = rough_weights(record, left)
         rough = rough_solution(record, model, left, weights)
@@ -308,9 +309,7 @@ def assembled(
         As in `settled_model`.
     """
     wired = (one for one in accepted if not one.effect.structure.replaces_direction)
-    groups = [effect_group(record, one.effect, one.shape) for one in wired]
-    model, notes = base_groups(design, record, settled, groups)
-    return _with_twins_held(record, model), notes
+    return base_groups(design, record, settled, [effect_group(record, one.effect, one.shape) for one in wired])
 
 
 def _with_twins_held(record: Record, model: Model) -> Model:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.effects.catalogue import bound_effects, catalogue_of
+from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.drive_timing import drive_sampling, in_time, stated_timing
 from pmsm_ctrl.regression.notices import MEASUREMENT_EFFECT_LEFT_IN
@@ -96,7 +96,7 @@ def corrected_log(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...]]:
     if len(log) < 3 or not whole:
         return log, ()
     log = stated_timing(drive_sampling(design, log), log.period).undone(in_time(design, log))
-    if not any(True for _ in _of_the_measurement(design)):
+    if next(_of_the_measurement(design), None) is None:
         return log, ()
     angle = {"theta": unwrapped(log["theta"])} if "theta" in log else {}
     channels, left_in = undone(design, log.t, {**log.channels, **angle})
@@ -117,8 +117,4 @@ def _unscaled(design: Design, channels: Mapping[str, Array]) -> dict[str, Array]
 
 
 def _of_the_measurement(design: Design) -> Iterator[tuple[Effect, Mapping[str, float]]]:
-    effects = catalogue_of(design)
-    for entry in design.effects:
-        effect = effects.get(entry.id)
-        if effect is not None and effect.enters == "measurement":
-            yield effect, effect.values(entry)
+    return ((effect, values) for effect, values in bound_effects(design) if effect.enters == "measurement")

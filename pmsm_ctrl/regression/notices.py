@@ -100,7 +100,7 @@ MEASUREMENT_EFFECT_LEFT_IN = Template(
 )
 AS_STATED = Template(
     "as_stated",
-    "{parameters}: held at what the design states: this log does not distinguish it from the other parameters",
+    "{parameters}: this log does not show them apart from the other parameters; held at what the design states",
 )
 NO_REGRESSION = Template(
     "no_regression",
