@@ -53,11 +53,14 @@ class Polish:
         Which of the two, and why.
     ends : dict of (int, str) to (float, float)
         95 % intervals where the sum of squares is no parabola, by position of the effect in the design and symbol.
+    worse : bool
+        Whether the design was refined, and the torque error rose by it.
     """
 
     design: Design
     said: tuple[Notice, ...]
     ends: Mapping[tuple[int, str], tuple[float, float]] = field(default_factory=dict)
+    worse: bool = False
 
     def told(self, found: Mapping[str, Estimate], position: int) -> dict[str, Estimate]:
         """Return estimates of the parameters of an effect of the design as that has them.
@@ -104,6 +107,15 @@ def polished(design: Design, record: Record, log: Log, inertia: float = math.nan
         for column in loop.columns
         if column.entry >= 0
     }
+    made = _refined(design, loop, prior, record)
+    if made.worse and any(column.is_inertia and not column.held for column in loop.columns):
+        # the balance tells the inertia best, and every thousandth of it shows there
+        made = _refined(design, loop.with_inertia_held(inertia), prior, record)
+    return made
+
+
+def _refined(design: Design, loop: OpenLoop, prior: Mapping[str, float], record: Record) -> Polish:
+    """Return the design refined by one simulation, or as it is."""
     values, converged = fitted(loop, prior)
     if not converged:
         return Polish(design, (NOT_POLISHED(why="the fit by simulation did not converge"),))
@@ -117,7 +129,7 @@ def polished(design: Design, record: Record, log: Log, inertia: float = math.nan
     fit = solved(loop, values)[1]
     found = _written(design, loop, values, fit)
     if worse := worse_than_given(design, found, record):
-        return Polish(design, (NOT_POLISHED(why=worse.text),))
+        return Polish(design, (NOT_POLISHED(why=worse.text),), worse=True)
     columns = {column.name: column for column in loop.columns}
     ends = {(columns[n].entry, columns[n].symbol): e for n, e in profiled(loop, prior, values, fit).items()}
     return Polish(found, (POLISHED(before=before, after=after, unit=unit),), ends)
@@ -139,7 +151,7 @@ def _contradicted(loop: OpenLoop, prior: Mapping[str, float], values: Array) -> 
     return ""
 
 
-def _left_out(loop: OpenLoop, prior: dict[str, float], values: Array) -> tuple[float, float, bool]:
+def _left_out(loop: OpenLoop, prior: Mapping[str, float], values: Array) -> tuple[float, float, bool]:
     """Return the rms error of stretches left out before and after, and whether it is surely smaller.
 
     Before with the design's values, which know these stretches: that is in their favour. If the simulation is

@@ -152,6 +152,16 @@ class OpenLoop:
         """Times at which the stretches begin, s."""
         return np.concatenate([record.prepared.t[record.starts] for record in self.records])
 
+    def with_inertia_held(self, stderr: float) -> OpenLoop:
+        """Return the same with the inertia held at the design's.
+
+        Parameters
+        ----------
+        stderr : float
+            Its standard error; it counts as known where that is not finite.
+        """
+        return replace(self, columns=_inertia_held(self.columns, self.design.J, stderr), kept={})
+
     def left(self, values: Array) -> Array:
         """Return measured less simulated increments as torques, N m (N); zero between stretches.
 
@@ -259,8 +269,7 @@ def open_loop(
     if any(record.gains is not None for record in records):
         # a torque that is smoothed has less noise, whether or not the drive signal was
         columns = tuple(c for c in columns if c.name != SPREAD)
-        known = inertia if math.isfinite(inertia) else policy.INERTIA_KNOWN * design.J
-        columns = tuple(replace(c, held=True, prior=(design.J, known)) if c.is_inertia else c for c in columns)
+        columns = _inertia_held(columns, design.J, inertia)
     force = float(np.sqrt(np.mean(np.concatenate([r.prepared.signals["torque"] for r in records]) ** 2)))
     loop = OpenLoop(design, columns, np.array([_first_step(c, force) for c in columns]), tuple(records))
     size = np.array([float(np.sqrt(np.mean(s[loop.used] ** 2))) for s in loop.slopes(loop.start).T])
@@ -272,6 +281,12 @@ def open_loop(
     free = [k for k in range(len(columns)) if moves[k]]
     free = [k for k in free if not columns[k].is_nuisance] + [k for k, c in enumerate(columns) if c.is_nuisance]
     return replace(loop, columns=tuple(columns[k] for k in free), steps=steps[free], kept={})
+
+
+def _inertia_held(columns: tuple[Column, ...], value: float, stderr: float) -> tuple[Column, ...]:
+    """Return the columns with the inertia held at a value, within its standard error where that is known."""
+    known = stderr if math.isfinite(stderr) else policy.INERTIA_KNOWN * value
+    return tuple(replace(c, held=True, prior=(value, known)) if c.is_inertia else c for c in columns)
 
 
 def _lighter(design: Design) -> Design:
