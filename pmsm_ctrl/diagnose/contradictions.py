@@ -98,6 +98,17 @@ def _share(fit: Fitted, column: int) -> float:
     return float(np.linalg.norm(part) / max(float(np.linalg.norm(fit.record.target[0][used])), 1e-300))
 
 
+def _missed(fit: Fitted, policy: Policy) -> bool:
+    """Whether the fit inside the bounds leaves more of the torque, by a share that is too large to be passed over.
+
+    In a log of one direction few samples, whose direction is in doubt, tell dry friction from a constant load.
+    """
+    used = fit.record.mask
+    weight, target = fit.record.weight[0][used], fit.record.target[0][used]
+    left, free = (float(np.sum((weight * (target - s.predicted()[0][used])) ** 2)) for s in (fit.estimate, fit.plain))
+    return left - free > policy.refused_share * left
+
+
 def _impossible(fit: Fitted, name: str, policy: Policy) -> float | None:
     """Return a parameter that cannot be what was estimated: below zero, or so many times off the design's."""
     if name not in fit.model.names:
@@ -108,7 +119,8 @@ def _impossible(fit: Fitted, name: str, policy: Policy) -> float | None:
     if not math.isfinite(sure):
         return None
     plain = value if name in ELECTRICAL else unweighted(fit, k)
-    if value < -sure and plain < 0.0 and (name in KNOWN or _share(fit, k) > policy.friction_share):
+    large = name in KNOWN or (_share(fit, k) > policy.friction_share and _missed(fit, policy))
+    if value < -sure and plain < 0.0 and large:
         return value
     far = policy.implausible_factor
     high = name in KNOWN and name not in IMITATED and min(plain, value - sure) > far * nominal

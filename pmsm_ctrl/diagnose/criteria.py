@@ -15,10 +15,29 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 
 __all__ = [
-    "CrossValidation", "Machine", "barely_confirmed", "beside_larger", "beside_ripple", "beside_rivals",
-    "beyond_sampling", "cross_validation", "determined", "error_lowered", "holdout", "inside_bounds",
-    "inside_tolerance", "left_inside", "no_balance_worse", "no_contradiction", "no_plain_error_worse",
-    "no_voltage_worse", "significance", "signs", "size", "size_of_shape",
+    "CrossValidation",
+    "Machine",
+    "along_the_way",
+    "barely_confirmed",
+    "beside_larger",
+    "beside_ripple",
+    "beside_rivals",
+    "beyond_sampling",
+    "cross_validation",
+    "determined",
+    "error_lowered",
+    "holdout",
+    "inside_bounds",
+    "inside_tolerance",
+    "left_inside",
+    "no_balance_worse",
+    "no_contradiction",
+    "no_plain_error_worse",
+    "no_voltage_worse",
+    "significance",
+    "signs",
+    "size",
+    "size_of_shape",
 ]  # fmt: skip
 
 
@@ -152,6 +171,24 @@ def cross_validation(
     if sure and found.gain > 0.0:
         return None
     return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
+
+
+def along_the_way(found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
+    """Check that an effect that depends on the position is confirmed on parts of the way that were left out.
+
+    A motion that repeats itself passes every position in the same state. What any error of the model leaves is then a
+    function of the position, and is the same in parts of the time that were left out.
+
+    Parameters
+    ----------
+    found : CrossValidation
+        On parts of the way, each of which holds about the same share of what is explained and of the samples.
+    policy : Policy
+    """
+    confirmed = cross_validation(found, 0.0, 0.0, first=False, policy=policy) is None
+    if confirmed or not found.blocks:  # on a short way nothing can be left out
+        return None
+    return Refusal(Reason.ONE_PATH, {"gain": found.gain, "stderr": found.stderr})
 
 
 def barely_confirmed(found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:

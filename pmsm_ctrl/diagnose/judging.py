@@ -131,6 +131,8 @@ def judge_trial(
     barely = refusal is not None and first and barely_too and most and not trial.candidate.effect.structure.delays
     if barely:
         refusal = criteria.barely_confirmed(found, policy)
+    if refusal is None and "theta" in trial.candidate.effect.signals and not fit.record.records:
+        refusal = criteria.along_the_way(cross_validated(fit, trial, position=True)[0], policy)
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
         surely = surely or any(one.effect.structure.replaces_direction for one in fit.accepted)
         refusal = criteria.beside_rivals(*beside, policy, surely, not trial.candidate.effect.structure.unlike_rivals)

@@ -56,14 +56,21 @@ Array = NDArray[np.float64]
 WINDING = ("R", "L_d", "L_q", "psi_f")
 
 
-def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float, float]:
+def cross_validated(fit: Fitted, trial: Trial, position: bool = False) -> tuple[CrossValidation, float, float]:
     """Return the cross-validation of a trial, its gain on the log's rows, and the return of the winding.
 
     All with the weights of the estimate or prewhitened, whichever was judged the more significant.
+
+    Parameters
+    ----------
+    fit : Fitted
+    trial : Trial
+    position : bool
+        Whether parts of the way are left out in place of parts of the time.
     """
     solved, whitener = (fit.plain, fit.weights) if trial.by_weights else (fit.solved, fit.whitener)
     direction = trial.plain_direction if trial.by_weights else trial.direction
-    gains = blocked_gain(fit.record, solved, whitener, trial.group, direction, fit.whitener.memory)
+    gains = blocked_gain(fit.record, solved, whitener, trial.group, direction, fit.whitener.memory, position)
     whole = gain_of_rows(solved, direction)
     limited = limited_gain_errors(gains, whole / BLOCKS / (1.0 - EVEN))  # no block holds more of it
     found = CrossValidation(*mean_gain(gains), len(gains), rank_test(gains), limited)

@@ -22,6 +22,7 @@ class Reason(StrEnum):
     BESIDE_LARGER = "beside_larger"
     MINOR = "minor"
     NOT_CONFIRMED = "not_confirmed"
+    ONE_PATH = "one_path"
     EXPLAINED_BY_RIVALS = "explained_by_rivals"
     LIKE_RIPPLE = "like_ripple"
     IN_STEP = "in_step"
@@ -61,6 +62,8 @@ WORDS: Mapping[Reason, str] = {
     "within the model error of an effect of {largest:.2g} %",
     Reason.MINOR: "significant but minor: {percent:.2g} % of the residual above the noise floor",
     Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
+    Reason.ONE_PATH: "not confirmed by cross-validation over the position (gain {gain}): the motion repeats itself, so "
+    "that whatever is left repeats with the position as well; motion over other positions would tell",
     Reason.EXPLAINED_BY_RIVALS: "explained to {percent:.0f} % by channel timing, channel filters, harmonics of a "
     "turn or presliding (cross-validation gain beside them {gain})",
     Reason.LIKE_RIPPLE: "not distinguishable from the reluctance torque of a current ripple ({percent:.0f} % of it): "

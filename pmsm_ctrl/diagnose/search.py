@@ -402,8 +402,9 @@ def _wrong_sign(group: Group, own: Added, solved: Solved) -> bool:
 
 
 def blocked_gain(
-    record: Record, solved: Solved, whitener: Whitener, group: Group, direction: Array, memory: float
-) -> Array:
+    record: Record, solved: Solved, whitener: Whitener, group: Group, direction: Array, memory: float,
+    position: bool = False,
+) -> Array:  # fmt: skip
     """Return the gains of left-out blocks, shape (blocks,); empty where too few can be judged.
 
     Contiguous blocks that hold equal shares of what the candidate could explain and of the samples; around each,
@@ -421,6 +422,8 @@ def blocked_gain(
         What the candidate could explain, whitened.
     memory : float
         Of the noise, s.
+    position : bool
+        Whether parts of the way are left out, however often the axis passes them, in place of parts of the time.
     """
     rows, own = beyond(solved, whitener, group)
     balances, n = len(solved.bases), len(whitener.used)
@@ -435,6 +438,11 @@ def blocked_gain(
     full[0, 1 + solved.rank :] = full[1 + solved.rank :, 0] = own.along
     t = record.t[whitener.used]
     explained = direction[: solved.rows].reshape(balances, n) ** 2
+    if position:
+        way = record.at_grid(record.signals["theta"])[whitener.used]
+        order = np.argsort(way, kind="stable")
+        edges = equal_blocks(explained[:, order], way[order], BLOCKS, EVEN)
+        return left_out_gains(columns[:, order], full, way[order], edges, 0.0, solved.rank)[0]
     gap = min(LONGEST_GAP, max(GAP_MEMORIES * memory, GAP_PERIODS / record.prepared.cutoff))
     left_out = None
     if len(record.records) < FEWEST_RECORDS:

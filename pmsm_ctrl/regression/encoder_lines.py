@@ -1,14 +1,20 @@
-"""The interpolation error of an encoder's lines. It is part of every fit where a log shows it.
+"""The periodic error of an encoder's lines, or of a resolver. It is part of every fit where a log shows it.
 
 An encoder that interpolates the signals of its lines has a periodic error of up to a few per cent of a line. After two
 derivatives it is an oscillation of the acceleration that grows with the square of the speed, as long as the lines pass
 slowly enough for the filters. On a smooth motion this is just before a stop and just after a start, where it looks like
 friction.
+
+A resolver whose windings differ, or are not at right angles, has an error of twice as many periods as it has pole
+pairs, of minutes of arc. It passes the filters at all speeds, and looks like a cogging that grows with the speed.
+
+Source of the resolver's error: D. C. Hanselman, IEEE Trans. Ind. Electron. 37 (1990) 556.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +22,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.effects.structures.interface import LINE_ERROR
 from pmsm_ctrl.regression.balances import Record
 
-__all__ = ["LINES", "line_swings", "shown_lines"]
+__all__ = ["LINES", "RESOLVER", "likely_error", "line_swings", "shown_lines"]
 
 Array = NDArray[np.float64]
 
@@ -27,9 +33,26 @@ FOLLOWED = 2.0
 # Gain on stretches left out, in units of the noise, from which on a log shows the lines: by chance it is below zero,
 # but reversals whose moments are wrong imitate few lines. A false one costs the fit two parameters of a small prior.
 SHOWN = 25.0
-LARGEST = 0.1  # of a line: no interpolation is as wrong as that, so a larger wave is something else
+LARGEST = 5.0  # of the error that is likely: none is as wrong as that, so a larger wave is something else
+# Orders of a turn of a resolver's error, with one to five pole pairs, and how large it is likely to be, rad: 10 minutes
+# of arc, which datasheets state.
+RESOLVER, RESOLVER_ERROR = (2, 4, 6, 8, 10), 0.003
+# Of its gain that a wave of the torque of the same order may have: at nearly one speed the two are the same. Of most
+# resolvers the order is two, as hardly any wave of a motor's torque is.
+BESIDE, BESIDE_TWO = 0.75, 1.0
 # Stretches of a log, every other one of which is held against the rest.
 PIECES = 16
+
+
+def likely_error(lines: int) -> float:
+    """Return the greatest error of the angle that is likely, rad.
+
+    Parameters
+    ----------
+    lines : int
+        Of a turn, or the order of a resolver's error.
+    """
+    return RESOLVER_ERROR if lines in RESOLVER else LINE_ERROR * 2.0 * np.pi / lines
 
 
 def line_swings(record: Record, lines: int) -> tuple[Array, Array]:
@@ -47,7 +70,7 @@ def line_swings(record: Record, lines: int) -> tuple[Array, Array]:
         For the greatest error that is likely, at the log's rate.
     """
     theta, omega = record.signals["theta"], record.signals["omega"]
-    error = LINE_ERROR * 2.0 * np.pi / lines
+    error = likely_error(lines)
     frequency = lines * np.abs(omega) / (2.0 * np.pi)
     slow = np.clip(2.0 - frequency / (FOLLOWED * record.cutoff), 0.0, 1.0)
     angle = lines * theta
@@ -57,7 +80,9 @@ def line_swings(record: Record, lines: int) -> tuple[Array, Array]:
 
 
 def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float, sure: Array) -> dict[int, float]:
-    """Return the lines that a log shows, and the amplitude of their error, rad.
+    """Return the lines that a log shows, or the order of a resolver's error, and the amplitude of the error, rad.
+
+    A wave of the torque of the same order has to explain less than a resolver's error.
 
     Parameters
     ----------
@@ -82,14 +107,24 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float, su
     left = residual[record.mask] * weight / max(sigma, 1e-300)
     omega = np.abs(record.at_grid(record.signals["omega"])[record.mask])
     found: dict[int, tuple[float, float]] = {}
-    for lines in LINES:
+    torque = record.signals["torque"]
+
+    def explained(waves: Sequence[Array]) -> tuple[float, Array]:
+        columns = np.stack([record.shaped(one)[record.mask] * weight for one in waves]).T
+        return _held_out(columns - known @ (known.T @ columns), left)
+
+    for lines in (*RESOLVER, *LINES):
         if float(np.min(omega)) * lines > 2.0 * np.pi * record.cutoff:
             break
-        swings = np.stack([record.shaped(swing)[record.mask] * weight for swing in line_swings(record, lines)]).T
-        gain, values = _held_out(swings - known @ (known.T @ swings), left)
-        share = LINE_ERROR * float(np.hypot(*values)) * sigma
+        gain, values = explained(line_swings(record, lines))
+        if gain > SHOWN and lines in RESOLVER:
+            waves = [wave(lines * record.signals["theta"]) for wave in (np.sin, np.cos)]
+            share = BESIDE_TWO if lines == min(RESOLVER) else BESIDE
+            if max(explained(some)[0] for some in (waves, [torque * wave for wave in waves])) > share * gain:
+                continue
+        share = float(np.hypot(*values)) * sigma
         if share < LARGEST:
-            found[lines] = gain, share * 2.0 * np.pi / lines
+            found[lines] = gain, share * likely_error(lines)
     best = max(found, key=lambda lines: found[lines][0], default=0)  # an encoder has one number of lines
     return {best: found[best][1]} if best and found[best][0] > SHOWN else {}
 

@@ -24,6 +24,7 @@ __all__ = [
     "OTHER_ZERO",
     "RECORD_DISAGREES",
     "RESAMPLED",
+    "RESOLVER_ERROR",
     "SPEED_FOR_COARSE_ANGLE",
     "TORQUE_EDGES",
     "TORQUE_JUMPS",
@@ -59,6 +60,11 @@ ENCODER_LINES = Template(
     "encoder_lines",
     "the angle has an error of {lines} periods a turn and {amplitude:.2g} rad, the interpolation error of an encoder "
     "with so many lines: it is part of the model",
+)
+RESOLVER_ERROR = Template(
+    "resolver_error",
+    "the angle has an error of {order} periods a turn and {amplitude:.2g} rad, as of a resolver: it is part of the "
+    "model",
 )
 DRIVE_COMMANDED = Template(
     "drive_signal_command",

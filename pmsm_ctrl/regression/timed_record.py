@@ -41,7 +41,7 @@ from pmsm_ctrl.regression.drive_timing import (
 )
 from pmsm_ctrl.regression.edge_share import FEWEST, edge_share, falsified, has_edges
 from pmsm_ctrl.regression.edges import WRONG_TORQUE, steep
-from pmsm_ctrl.regression.encoder_lines import shown_lines
+from pmsm_ctrl.regression.encoder_lines import RESOLVER, shown_lines
 from pmsm_ctrl.regression.filter_profile import LOWERED, by_profile
 from pmsm_ctrl.regression.instruments import by_reference
 from pmsm_ctrl.regression.late_reversals import in_time_at_reversals
@@ -52,6 +52,7 @@ from pmsm_ctrl.regression.notices import (
     DRIVE_FILTERED,
     DRIVE_LATE,
     ENCODER_LINES,
+    RESOLVER_ERROR,
     SHOWN_MS,
     TORQUE_EDGES,
 )
@@ -377,7 +378,12 @@ def _with_lines(record: Record, fit: Estimated, sure: Array) -> Record:
     found = shown_lines(record, left, fit.model.matrix[0], float(fit.weights.sigma[0]), sure)
     if not found:
         return record
-    said = (ENCODER_LINES(lines=lines, amplitude=amplitude) for lines, amplitude in found.items())
+    said = (
+        RESOLVER_ERROR(order=lines, amplitude=amplitude)
+        if lines in RESOLVER
+        else ENCODER_LINES(lines=lines, amplitude=amplitude)
+        for lines, amplitude in found.items()
+    )
     return replace(record, lines=tuple(found), notes=(*record.notes, *said), kept={})
 
 

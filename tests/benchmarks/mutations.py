@@ -246,6 +246,15 @@ MUTATIONS = (
              "unit/verify/test_verify.py -k drive_is_found_to"),
     Mutation("import: an angle that wraps at its own period is unwrapped at a turn", "importers/wraps.py",
              "np.unwrap(theta, period=period)", "np.unwrap(theta)", "unit/importers"),
+    Mutation("a wave of the position is confirmed by parts of the time alone", "diagnose/judging.py",
+             'if refusal is None and "theta" in', 'if False and "theta" in',
+             "unit/diagnose/test_one_path.py"),
+    Mutation("a friction below zero contradicts the design, whatever it explains", "diagnose/contradictions.py",
+             "> policy.friction_share and _missed(fit, policy)", "> policy.friction_share",
+             "unit/diagnose/test_one_direction.py"),
+    Mutation("a wave of the torque is an error of the resolver", "regression/encoder_lines.py",
+             "> share * gain:", "> 1e9 * gain:",
+             "unit/regression/test_encoder_lines.py -k wave_of_the_torque"),
 )  # fmt: skip
 
 

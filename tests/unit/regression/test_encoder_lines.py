@@ -11,6 +11,7 @@ from pmsm_ctrl.effects.structures.interface import LINE_ERROR
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit
+from pmsm_ctrl.regression.encoder_lines import likely_error
 from pmsm_ctrl.regression.timed_record import timed_record
 from tests.effort import seeds
 
@@ -23,12 +24,12 @@ def design() -> Design:
     return Design.from_dict({"name": "axis", "motor": {"J": J, "K_t": 1.0}, "effects": effects})
 
 
-def swinging(lines: int, error: float, seed: int, noise: float = 1e-3) -> Log:
+def swinging(lines: int, error: float, seed: int, noise: float = 1e-3, slow: float = 1.0) -> Log:
     """Return a swing, the slower the more lines pass, that is known exactly, its angle off by the lines' error."""
     t = np.arange(20000) / 1000.0
     theta, omega, alpha = np.zeros_like(t), np.zeros_like(t), np.zeros_like(t)
     for size, rate in ((6.0, 2.0 * np.pi * 0.31), (1.7, 2.0 * np.pi * 1.13)):
-        size *= 64.0 / lines
+        size *= 64.0 / lines / slow
         theta += size * np.sin(rate * t)
         omega += size * rate * np.cos(rate * t)
         alpha -= size * rate**2 * np.sin(rate * t)
@@ -97,3 +98,25 @@ def test_the_lines_of_an_encoder_show_in_a_speed_alone(design: Design, error: fl
     log = swinging(64, error, seed)
     log = Log({"t": log.t, "omega": np.gradient(log["theta"], log.t), "torque": log["torque"]})
     assert timed_record(design, log).lines == ((64,) if error > 0.0 else ())
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2))
+@pytest.mark.parametrize("order", [2, 8])
+def test_the_error_of_a_resolver_is_part_of_the_model(design: Design, order: int, seed: int) -> None:
+    """It was taken for a cogging of its order."""
+    error = 2e-3 / order
+    record = timed_record(design, swinging(order, error, seed, slow=8.0))
+    assert record.lines == (order,)
+    assert [note.code for note in record.notes] == ["resolver_error"]
+    fit = base_fit(design, record)
+    found = [fit.value(f"{wave} {order}")[0] for wave in ("sin", "cos")]
+    assert np.hypot(*found) * likely_error(order) == pytest.approx(error, rel=0.1)
+
+
+@pytest.mark.parametrize("modulated", [False, True])
+@pytest.mark.parametrize("order", [2, 8])
+def test_a_wave_of_the_torque_is_no_error_of_a_resolver(design: Design, order: int, modulated: bool) -> None:
+    log = swinging(order, 0.0, 1, slow=8.0)
+    wave = 0.01 * np.sin(order * log["theta"] + 1.1)
+    torque = log["torque"] + wave * (10.0 * log["torque"] if modulated else 1.0)
+    assert timed_record(design, log.with_channels(torque=torque)).lines == ()
