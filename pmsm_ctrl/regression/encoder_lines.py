@@ -38,8 +38,8 @@ LARGEST = 5.0  # of the error that is likely: none is as wrong as that, so a lar
 # of arc, which datasheets state.
 RESOLVER, RESOLVER_ERROR = (2, 4, 6, 8, 10), 0.003
 # Of its gain that a wave of the torque of the same order may have: at nearly one speed the two are the same. Of most
-# resolvers the order is two, as hardly any wave of a motor's torque is.
-BESIDE, BESIDE_TWO = 0.75, 1.0
+# resolvers the order is two, as hardly any wave of a motor's torque is: there the wave has to explain that much more.
+BESIDE, BESIDE_TWO = 0.75, 4.0 / 3.0
 # Stretches of a log, every other one of which is held against the rest.
 PIECES = 16
 
