@@ -40,6 +40,8 @@ RESOLVER, RESOLVER_ERROR = (2, 4, 6, 8, 10), 0.003
 # Of its gain that a wave of the torque of the same order may have: at nearly one speed the two are the same. Of most
 # resolvers the order is two, as hardly any wave of a motor's torque is: there the wave has to explain that much more.
 BESIDE, BESIDE_TWO = 0.75, 4.0 / 3.0
+# Of its gain that another number of lines may have beside it: what else is wrong with a model resembles many of them.
+BESIDE_IT = 0.25
 # Stretches of a log, every other one of which is held against the rest.
 PIECES = 16
 
@@ -106,27 +108,37 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float, su
     known = np.linalg.qr(_scaled(matrix[record.mask] * weight[:, None]))[0]
     left = residual[record.mask] * weight / max(sigma, 1e-300)
     omega = np.abs(record.at_grid(record.signals["omega"])[record.mask])
-    found: dict[int, tuple[float, float]] = {}
-    torque = record.signals["torque"]
+    def columns(waves: Sequence[Array]) -> Array:
+        own = np.stack([record.shaped(one)[record.mask] * weight for one in waves]).T
+        return np.asarray(own - known @ (known.T @ own))
 
-    def explained(waves: Sequence[Array]) -> tuple[float, Array]:
-        columns = np.stack([record.shaped(one)[record.mask] * weight for one in waves]).T
-        return _held_out(columns - known @ (known.T @ columns), left)
+    def like_torque(lines: int, gain: float) -> bool:
+        if lines not in RESOLVER:
+            return False
+        waves = [wave(lines * record.signals["theta"]) for wave in (np.sin, np.cos)]
+        rivals = (waves, [record.signals["torque"] * wave for wave in waves])
+        share = BESIDE_TWO if lines == min(RESOLVER) else BESIDE
+        return max(_held_out(columns(some), left)[0] for some in rivals) > share * gain
 
+    gains: dict[int, float] = {}
+    amplitudes: dict[int, float] = {}
     for lines in (*RESOLVER, *LINES):
         if float(np.min(omega)) * lines > 2.0 * np.pi * record.cutoff:
             break
-        gain, values = explained(line_swings(record, lines))
-        if gain > SHOWN and lines in RESOLVER:
-            waves = [wave(lines * record.signals["theta"]) for wave in (np.sin, np.cos)]
-            share = BESIDE_TWO if lines == min(RESOLVER) else BESIDE
-            if max(explained(some)[0] for some in (waves, [torque * wave for wave in waves])) > share * gain:
-                continue
-        share = float(np.hypot(*values)) * sigma
-        if share < LARGEST:
-            found[lines] = gain, share * likely_error(lines)
-    best = max(found, key=lambda lines: found[lines][0], default=0)  # an encoder has one number of lines
-    return {best: found[best][1]} if best and found[best][0] > SHOWN else {}
+        gain, values = _held_out(columns(line_swings(record, lines)), left)
+        if (amplitude := float(np.hypot(*values)) * sigma) < LARGEST:
+            gains[lines], amplitudes[lines] = gain, amplitude
+    best = max(gains, key=lambda lines: gains[lines], default=0)  # an encoder has one number of lines
+    if not best or gains[best] < SHOWN or like_torque(best, gains[best]):
+        return {}
+    own = np.linalg.qr(columns(line_swings(record, best)))[0]
+    for lines, gain in gains.items():
+        if lines != best and gain > BESIDE_IT * gains[best]:
+            others = columns(line_swings(record, lines))
+            others -= own @ (own.T @ others)
+            if _held_out(others, left - own @ (own.T @ left))[0] > BESIDE_IT * gains[best]:
+                return {}
+    return {best: amplitudes[best] * likely_error(best)}
 
 
 def _held_out(columns: Array, left: Array) -> tuple[float, Array]:
