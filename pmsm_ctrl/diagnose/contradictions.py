@@ -98,14 +98,16 @@ def _share(fit: Fitted, column: int) -> float:
     return float(np.linalg.norm(part) / max(float(np.linalg.norm(fit.record.target[0][used])), 1e-300))
 
 
-def _missed(fit: Fitted, policy: Policy) -> bool:
-    """Whether the fit inside the bounds leaves more of the torque, by a share that is too large to be passed over.
+def _negative_friction(fit: Fitted, column: int, policy: Policy) -> bool:
+    """Whether a dry friction below zero is much of the torque, and the fit inside the bounds leaves more of that.
 
     In a log of one direction few samples, whose direction is in doubt, tell dry friction from a constant load.
     """
+    if _share(fit, column) <= policy.friction_share:
+        return False
     used = fit.record.mask
-    weight, target = fit.record.weight[0][used], fit.record.target[0][used]
-    left, free = (float(np.sum((weight * (target - s.predicted()[0][used])) ** 2)) for s in (fit.estimate, fit.plain))
+    sides = (fit.residual[0], fit.record.target[0] - fit.plain.predicted()[0])
+    left, free = (float(np.sum((fit.record.weight[0] * side)[used] ** 2)) for side in sides)
     return left - free > policy.refused_share * left
 
 
@@ -119,8 +121,7 @@ def _impossible(fit: Fitted, name: str, policy: Policy) -> float | None:
     if not math.isfinite(sure):
         return None
     plain = value if name in ELECTRICAL else unweighted(fit, k)
-    large = name in KNOWN or (_share(fit, k) > policy.friction_share and _missed(fit, policy))
-    if value < -sure and plain < 0.0 and large:
+    if value < -sure and plain < 0.0 and (name in KNOWN or _negative_friction(fit, k, policy)):
         return value
     far = policy.implausible_factor
     high = name in KNOWN and name not in IMITATED and min(plain, value - sure) > far * nominal

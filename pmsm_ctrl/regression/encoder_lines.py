@@ -108,6 +108,7 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float, su
     known = np.linalg.qr(_scaled(matrix[record.mask] * weight[:, None]))[0]
     left = residual[record.mask] * weight / max(sigma, 1e-300)
     omega = np.abs(record.at_grid(record.signals["omega"])[record.mask])
+
     def columns(waves: Sequence[Array]) -> Array:
         own = np.stack([record.shaped(one)[record.mask] * weight for one in waves]).T
         return np.asarray(own - known @ (known.T @ own))

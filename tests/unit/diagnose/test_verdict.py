@@ -36,6 +36,7 @@ def fit_of(
     samples: float = 4e3,
     friction: float = 0.5,
     rough: float = 0.0,
+    free: float = 0.0,
     **values: float,
 ) -> Any:
     """A fit of a torque balance alone; sizes in units of its noise."""
@@ -53,7 +54,9 @@ def fit_of(
         record=record, residual=left * row, weights=SimpleNamespace(sigma=np.ones(1)),
         whitener=SimpleNamespace(sigma=np.ones(1)),
         model=SimpleNamespace(names=list(at), nominal=nominal, matrix=matrix),
-        plain=SimpleNamespace(values=np.array(list(at.values())), stderr=0.01 * nominal),
+        plain=SimpleNamespace(
+            values=np.array(list(at.values())), stderr=0.01 * nominal, predicted=lambda: (measured - free) * row
+        ),
         trials=[], solved=SimpleNamespace(rest_of=lambda row: np.full(10, 10.0)),  # a sum of squares of 1000
     )  # fmt: skip
 
@@ -112,6 +115,11 @@ def test_what_no_motor_can_have_is_implausible(values: dict[str, float], code: s
 
 def test_a_dry_friction_of_nearly_nothing_may_come_out_below_zero() -> None:
     assert verdict_of(fit_of(F_c=-0.01, friction=0.05)) == ("consistent", [])
+
+
+@pytest.mark.parametrize(("free", "verdict"), [(0.9, "implausible"), (0.96, "consistent")])
+def test_a_dry_friction_below_zero_has_to_explain_something(free: float, verdict: str) -> None:
+    assert verdict_of(fit_of(F_c=-0.01, free=free))[0] == verdict  # without bounds 0.9 of the noise is left, or 0.96
 
 
 def test_a_resistance_far_above_the_design_may_be_a_dead_time() -> None:
