@@ -123,7 +123,8 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float, su
 
     gains: dict[int, float] = {}
     amplitudes: dict[int, float] = {}
-    for lines in (*RESOLVER, *LINES):
+    turned = float(np.ptp(record.signals["theta"])) > 2.0 * np.pi  # in part of a turn any curve is a part of a wave
+    for lines in (*(RESOLVER if turned else ()), *LINES):
         if float(np.min(omega)) * lines > 2.0 * np.pi * record.cutoff:
             break
         gain, values = _held_out(columns(line_swings(record, lines)), left)
