@@ -290,7 +290,7 @@ def shift(residual: Array, weight: Array, direction: Array, basis: Array, search
     residual, weight, direction, basis, search
         As for `bursts`.
     """
-    from scipy.stats import chi2
+    from scipy.stats import f as fisher
 
     rules = search[0]
     used = np.flatnonzero(weight > 0.0)
@@ -307,8 +307,8 @@ def shift(residual: Array, weight: Array, direction: Array, basis: Array, search
     courses = np.array([time, *(np.exp(-time / tau) for tau in DRIFTS)]) * weight
     along, even = (_products(c, target, basis) for c in (courses * direction, courses))
     drift = float(np.max(_pair_gains(along, even, np.sum(courses**2 * direction, axis=1))))
-    scale = _scatter(left, weight * direction, used)
-    level = float(chi2.isf(rules.significance / PLACES, 2))
+    scale, count = _scatter(left, weight * direction, used)
+    level = 2.0 * float(fisher.isf(rules.significance / PLACES, 2, count))
     if explained < level * scale**2 or explained < rules.drift * drift:
         return None
     if own < rules.own_step and explained < rules.nearly_all * float(target @ target):
@@ -389,9 +389,9 @@ def _gain(columns: Array, target: Array, basis: Array) -> tuple[float, Array, fl
     return float(fitted @ fitted), values, own, target - fitted
 
 
-def _scatter(white: Array, shape: Array, places: NDArray[np.int64]) -> float:
-    """Return the level of slow noise: of means along a shape over a sixteenth of the samples, over that of white."""
+def _scatter(white: Array, shape: Array, places: NDArray[np.int64]) -> tuple[float, int]:
+    """Return the level of slow noise, over that of white, and how many means of a part of the samples tell it."""
     n = max(4, len(places) // (2 * FEWEST))
     pieces = [places[k : k + n] for k in range(0, len(places) - n + 1, n)]
     means = [float(white[p] @ shape[p]) / max(float(np.linalg.norm(shape[p])), 1e-300) for p in pieces]
-    return max(1.0, float(np.sqrt(np.mean(np.square(means)))))
+    return max(1.0, float(np.sqrt(np.mean(np.square(means))))), len(means)

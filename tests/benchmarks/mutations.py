@@ -255,6 +255,9 @@ MUTATIONS = (
     Mutation("a wave of the torque is an error of the resolver", "regression/encoder_lines.py",
              "for some in rivals) > share * gain", "for some in rivals) > 1e9 * gain",
              "unit/regression/test_encoder_lines.py -k wave_of_the_torque"),
+    Mutation("a step: the level of slow noise is known exactly", "evidence/events.py",
+             "/ PLACES, 2, count))", "/ PLACES, 2, 10**6))",
+             "unit/evidence/test_events.py -k as_rare_as_stated"),
 )  # fmt: skip
 
 

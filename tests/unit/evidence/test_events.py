@@ -42,6 +42,11 @@ def test_noise_holds_no_event(seed: int, memory: float) -> None:
     assert stepped(noise(seed, memory)) is None
 
 
+def test_steps_of_correlated_noise_are_as_rare_as_stated() -> None:
+    """Some two dozen means tell the level of slow noise, and not exactly: four of these 500 had a step."""
+    assert sum(stepped(noise(seed, 0.98)) is not None for seed in range(500)) <= 1
+
+
 @pytest.mark.parametrize("memory", [0.0, 0.8])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_push_is_found_with_its_times_and_size(seed: int, memory: float) -> None:
