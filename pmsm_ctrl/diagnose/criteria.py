@@ -173,20 +173,24 @@ def cross_validation(
     return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
 
 
-def along_the_way(found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
+def along_the_way(found: CrossValidation, by_time: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
     """Check that an effect that depends on the position is confirmed on parts of the way that were left out.
 
     A motion that repeats itself passes every position in the same state. What any error of the model leaves is then a
-    function of the position, and is the same in parts of the time that were left out.
+    function of the position, and is the same in parts of the time that were left out: these are sure of it, and those
+    are not.
 
     Parameters
     ----------
     found : CrossValidation
         On parts of the way, each of which holds about the same share of what is explained and of the samples.
+    by_time : CrossValidation
+        On parts of the time.
     policy : Policy
     """
+    alike = found.gain * by_time.stderr >= policy.stable * by_time.gain * found.stderr
     confirmed = cross_validation(found, 0.0, 0.0, first=False, policy=policy) is None
-    if confirmed or not found.blocks:  # on a short way nothing can be left out
+    if alike or confirmed or not found.blocks:  # on a short way nothing can be left out
         return None
     return Refusal(Reason.ONE_PATH, {"gain": found.gain, "stderr": found.stderr})
 

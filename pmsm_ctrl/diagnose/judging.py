@@ -132,7 +132,7 @@ def judge_trial(
     if barely:
         refusal = criteria.barely_confirmed(found, policy)
     if refusal is None and "theta" in trial.candidate.effect.signals and not fit.record.records:
-        refusal = criteria.along_the_way(cross_validated(fit, trial, position=True)[0], policy)
+        refusal = criteria.along_the_way(cross_validated(fit, trial, position=True)[0], found, policy)
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
         surely = surely or any(one.effect.structure.replaces_direction for one in fit.accepted)
         refusal = criteria.beside_rivals(*beside, policy, surely, not trial.candidate.effect.structure.unlike_rivals)

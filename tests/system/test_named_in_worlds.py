@@ -152,9 +152,9 @@ def test_friction_that_falls_to_a_fifth_is_stribeck_friction() -> None:
             "gap": 0.010451110045301191, "load_inertia": 5.569937403542665e-05, "stiffness": 49.47577084061722,
             "damping": 0.020998169313509573,
         }),
-        pytest.param(1010102, 0.2, {  # margin 3.0
+        (1010102, 0.2, {  # margin 3.0
             "gap": 8.391780e-3, "load_inertia": 3.158569e-3, "stiffness": 2805.6445, "damping": 1.1907525,
-        }, marks=pytest.mark.xfail(strict=True, reason="on the edge: left-out blocks gain 12 +- 4")),
+        }),
     ],
 )  # fmt: skip
 def test_a_gap_is_sized_as_a_whole_where_noise_is_not_most_of_it(

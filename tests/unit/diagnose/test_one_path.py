@@ -55,9 +55,22 @@ def test_a_wave_of_the_position_is_named_in_such_a_motion(design: Design, hidden
     assert [step.effect for step in found.steps] == [hidden]
 
 
-def test_a_way_that_cannot_be_left_out_in_part_decides_nothing() -> None:
-    assert along_the_way(CrossValidation(0.0, 0.0, 0, 1.0)) is None
-    refused = along_the_way(CrossValidation(5.0, 2.0, 16, 0.1))
-    assert refused is not None
-    assert refused.reason is Reason.ONE_PATH
-    assert along_the_way(CrossValidation(6.0, 2.0, 16, 0.1)) is None
+BY_TIME = CrossValidation(30.0, 2.0, 16, 1e-4)  # 15 standard errors
+
+
+@pytest.mark.parametrize(
+    ("found", "refused"),
+    [
+        (CrossValidation(0.0, 0.0, 0, 1.0), False),  # on a short way nothing can be left out
+        (CrossValidation(5.0, 2.0, 16, 0.1), True),
+        (CrossValidation(6.0, 2.0, 16, 0.1), False),
+    ],
+)
+def test_parts_of_the_way_have_to_be_sure_where_parts_of_the_time_are(found: CrossValidation, refused: bool) -> None:
+    why = along_the_way(found, BY_TIME)
+    assert (why is not None) == refused
+    assert why is None or why.reason is Reason.ONE_PATH
+
+
+def test_parts_of_the_way_need_not_be_surer_than_parts_of_the_time() -> None:
+    assert along_the_way(CrossValidation(5.0, 2.0, 16, 0.1), CrossValidation(5.0, 2.0, 16, 0.1)) is None
