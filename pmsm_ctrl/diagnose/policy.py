@@ -152,7 +152,8 @@ class Policy:
         bristle or of a minor gap: of 310 right names none does, of 38 false ones in clean worlds four.
         Where an effect is a minor part of the residual, the amount must surely be more than this share, and less than
         its inverse. Parts of the way that do not confirm a wave are at least as sure of it as this share of what parts
-        of the time are: weak waves have 0.7 and more, of three false ones in repeated motions two have 0.35 at most.
+        of the time are: a weak wave
+        has 0.75, three false ones in motions that repeat themselves 0.14 to 0.28.
     friction_share : float
         A dry friction below zero contradicts the design if it is at least this share of the torque. A smaller one is
         held at zero: something else is missing. A convention.
