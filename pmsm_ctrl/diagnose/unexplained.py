@@ -57,7 +57,10 @@ def unexplained(selection: Selection, policy: Policy = POLICY) -> Structure | No
     policy : Policy
     """
     fit = selection.fit
-    found = dependence(selection, policy) or resemblance(selection, policy)
+    found = dependence(selection, policy)
+    if found is not None and found.unit == "s":  # over time alone: a load of the process
+        return slow_torque(fit, policy) or found
+    found = found or resemblance(selection, policy)
     return found or impossible_winding(fit, policy) or slow_torque(fit, policy) or wave_left(fit)
 
 
