@@ -15,29 +15,10 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 
 __all__ = [
-    "CrossValidation",
-    "Machine",
-    "along_the_way",
-    "barely_confirmed",
-    "beside_larger",
-    "beside_ripple",
-    "beside_rivals",
-    "beyond_sampling",
-    "cross_validation",
-    "determined",
-    "error_lowered",
-    "holdout",
-    "inside_bounds",
-    "inside_tolerance",
-    "left_inside",
-    "no_balance_worse",
-    "no_contradiction",
-    "no_plain_error_worse",
-    "no_voltage_worse",
-    "significance",
-    "signs",
-    "size",
-    "size_of_shape",
+    "CrossValidation", "Machine", "along_the_way", "barely_confirmed", "beside_larger", "beside_ripple",
+    "beside_rivals", "beyond_sampling", "cross_validation", "determined", "error_lowered", "holdout", "inside_bounds",
+    "inside_tolerance", "left_inside", "no_balance_worse", "no_contradiction", "no_plain_error_worse",
+    "no_voltage_worse", "significance", "signs", "size", "size_of_shape",
 ]  # fmt: skip
 
 

@@ -151,9 +151,8 @@ class Policy:
         By as much of itself the amount may surely exceed the one in the band, unless it is that of a spring, of a
         bristle or of a minor gap: of 310 right names none does, of 38 false ones in clean worlds four.
         Where an effect is a minor part of the residual, the amount must surely be more than this share, and less than
-        its inverse. Parts of the way that do not confirm a wave are at least as sure of it as this share of what parts
-        of the time are: a weak wave
-        has 0.75, three false ones in motions that repeat themselves 0.14 to 0.28.
+        its inverse. Parts of the way that do not confirm a wave have to be this share as sure of it as parts of the
+        time are: a weak wave has 0.75, three false ones in motions that repeat themselves 0.14 to 0.28.
     friction_share : float
         A dry friction below zero contradicts the design if it is at least this share of the torque. A smaller one is
         held at zero: something else is missing. A convention.
