@@ -28,7 +28,7 @@ from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.model import solve_model
 from pmsm_ctrl.rendering.numbers import with_prefix
-from pmsm_ctrl.residuals.coordinates import Drive, accelerations
+from pmsm_ctrl.residuals.coordinates import TIME, Drive, accelerations
 from pmsm_ctrl.residuals.dependence import Dependence, Relevance, Trace, residual_structure
 from pmsm_ctrl.residuals.single_wave import single_wave
 from pmsm_ctrl.units import axis_unit
@@ -58,7 +58,7 @@ def unexplained(selection: Selection, policy: Policy = POLICY) -> Structure | No
     """
     fit = selection.fit
     found = dependence(selection, policy)
-    if found is not None and found.unit == "s":  # over time alone: a load of the process
+    if found is not None and found.confirmed and found.coordinate == TIME:  # a load of the process is more than that
         return slow_torque(fit, policy) or found
     found = found or resemblance(selection, policy)
     return found or impossible_winding(fit, policy) or slow_torque(fit, policy) or wave_left(fit)

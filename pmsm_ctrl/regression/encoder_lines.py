@@ -39,8 +39,11 @@ LARGEST = 5.0  # of the error that is likely: none is as wrong as that, so a lar
 RESOLVER, RESOLVER_ERROR = (2, 4, 6, 8, 10), 0.003
 # Of its gain that a wave of the torque of the same order may have: at nearly one speed the two are the same. Of most
 # resolvers the order is two, as hardly any wave of a motor's torque is: there the wave has to explain that much more.
+# Of four resolvers in clean logs the waves explain 0.46, 0.62, 0.90 and 1.07 of it.
 BESIDE, BESIDE_TWO = 0.75, 4.0 / 3.0
 # Of its gain that another number of lines may have beside it: what else is wrong with a model resembles many of them.
+# Of 16 logs of *worlds* that show lines one has 0.3, for which the first accounts, the others 0.07 at most; of three
+# logs without lines 0.39 to 0.85.
 BESIDE_IT = 0.25
 # Stretches of a log, every other one of which is held against the rest.
 PIECES = 16

@@ -18,14 +18,15 @@ from pmsm_ctrl.residuals import policy
 from pmsm_ctrl.residuals.orders import strongest_orders, waves
 from pmsm_ctrl.units import axis_unit, drives
 
-__all__ = ["Curve", "Drive", "accelerations", "curves", "grid_coordinates", "with_orders"]
+__all__ = ["TIME", "Curve", "Drive", "accelerations", "curves", "grid_coordinates", "with_orders"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+TIME = "time since start"
 UNITS = {
     "speed": "rad/s", "direction": "", "position": "rad", "acceleration": "rad/s^2", "current": "A", "torque": "N m",
-    "force": "N", "temperature": "degC", "time since start": "s",
+    "force": "N", "temperature": "degC", TIME: "s",
 }  # fmt: skip
 SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: dense where friction is nonlinear
 
@@ -102,7 +103,7 @@ def grid_coordinates(prepared: Prepared, drive: Drive, noise: float = 0.0) -> di
         "position": s["theta"][keep],
         "acceleration": slow,
         load: (drive.torque - drive.J * (alpha - slow)) / (drive.per_ampere or 1.0),
-        "time since start": prepared.t[keep] - prepared.t[0],
+        TIME: prepared.t[keep] - prepared.t[0],
     }
     if "temperature" in s and float(np.ptp(s["temperature"])) > 0.0:
         out["temperature"] = s["temperature"][keep]
@@ -173,7 +174,7 @@ def curves(
                 made.append(found)
         else:
             # what drifts drifts slowly, and a block of time that is left out has to be reached from the others
-            hats = _drift if name in ("time since start", "temperature") else _hats
+            hats = _drift if name in (TIME, "temperature") else _hats
             found = _smooth(name, unit, x, direction, mask, both, hats)
             if found is not None:
                 made.append(found)

@@ -69,8 +69,10 @@ def test_nees_and_nis_keep_their_bands_in_many_runs(by_hand: Design, walking: bo
     found = consistency(by_hand, 1000, walking=walking, measure=measure, first=1000)
     assert 0.93 <= found.nees <= 0.97
     assert min(found.efficiency) > 0.9
-    if not 0.93 <= found.nis <= 0.97:
+    held = 0.93 <= found.nis <= 0.97
+    if not held and (measure, walking) == ("theta", False):  # the one of the four that is known to fail
         pytest.xfail(TOO_MUCH_NOISE)
+    assert held
 
 
 @pytest.mark.parametrize("share", seeds(-0.3, 0.3))
