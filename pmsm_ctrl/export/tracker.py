@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export.blocks import Block, Value, identifier
 from pmsm_ctrl.export.compensator import Terms, direction_lines
@@ -91,12 +92,18 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
     first = flattened(begin, stored).statements
     used = _words([*flat.statements, *first])
     return Block(
-        identifier(design.name), "tracker", f"Friction tracker of {design.name}, extended Kalman filter",
+        identifier(design.name), "tracker", _title(design),
         inputs, outputs, flat,
         constants=tuple(value for value in constants if value.name in used),
         arrays={long: shape for long, (shape, _) in _ARRAYS.items() if long in used}, start=first,
         linear=design.motion == "linear", notes=_notes(settings),
     )  # fmt: skip
+
+
+def _title(design: Design) -> str:
+    left = {one.id for one, values in bound_effects(design) if one.enters == "measurement" and one.active(values)}
+    doubt = f"; its inputs are not corrected for {', '.join(sorted(left))}" if left else ""
+    return f"Friction tracker of {design.name}, extended Kalman filter{doubt}"
 
 
 # -- names and numbers --------------------------------------------------------------------------------------------

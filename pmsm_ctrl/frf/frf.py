@@ -22,6 +22,7 @@ from pmsm_ctrl.frf.result import Band, Curves, FrequencyResponse, Response
 from pmsm_ctrl.frf.stretches import mean_speed, stretches, without_steps
 from pmsm_ctrl.frf.window import largest, widths, window_bias
 from pmsm_ctrl.log import Logs, as_logs, names_of
+from pmsm_ctrl.regression.measurement_correction import left_in
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
@@ -90,7 +91,7 @@ def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
     coarse = words.COARSE(resolution=response.resolution, parameter=name, bias=100.0 * bias[name], errors=errors)
     compared = _compared(
         design, names_of(given, "log"), mean_speed(records), {"plant": response, **loops}, axis,
-        [*found, coarse] if errors > 1.0 else list(found),
+        [*found, *left_in(design, given), *([coarse] if errors > 1.0 else [])],
     )  # fmt: skip
     return replace(compared, window_bias=bias, widths=() if axis.mass is None else widths(axis))
 

@@ -19,6 +19,7 @@ from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.plateaus import Plateau, find_plateaus
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.least_squares import t_quantile
+from pmsm_ctrl.regression.measurement_correction import left_in
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -171,7 +172,7 @@ def evaluate_sweep(design: Design, logs: Log | Sequence[Log]) -> SweepResult:
     negative = (
         words.NEGATIVE(symbol=name, value=getattr(free, name).value, unit=getattr(free, name).unit) for name in held
     )
-    notices = (*_unsettled(plateaus, motion), *negative, *_doubts(lines, error))
+    notices = (*_unsettled(plateaus, motion), *negative, *_doubts(lines, error), *left_in(design, records))
     return SweepResult(found, lines, 100.0 * error, levels, plateaus, motion, notices)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from pmsm_ctrl.regression.notices import MEASUREMENT_EFFECT_LEFT_IN
 from pmsm_ctrl.regression.timing import unwrapped
 from pmsm_ctrl.section import Notice
 
-__all__ = ["corrected_log", "known_delay", "undone", "unscaled"]
+__all__ = ["corrected_log", "known_delay", "left_in", "undone", "unscaled"]
 
 Array = NDArray[np.float64]
 
@@ -99,8 +99,21 @@ def corrected_log(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...]]:
     if next(_of_the_measurement(design), None) is None:
         return log, ()
     angle = {"theta": unwrapped(log["theta"])} if "theta" in log else {}
-    channels, left_in = undone(design, log.t, {**log.channels, **angle})
-    return log.with_channels(**{name: values for name, values in channels.items() if name != "t"}), left_in
+    channels, notes = undone(design, log.t, {**log.channels, **angle})
+    return log.with_channels(**{name: values for name, values in channels.items() if name != "t"}), notes
+
+
+def left_in(design: Design, logs: Iterable[Log]) -> tuple[Notice, ...]:
+    """Return notices on the measurement effects that `corrected_log` leaves in any of the logs.
+
+    Parameters
+    ----------
+    design : Design
+    logs : iterable of Log
+    """
+    if next(_of_the_measurement(design), None) is None:
+        return ()
+    return tuple(dict.fromkeys(notice for log in logs for notice in corrected_log(design, log)[1]))
 
 
 def _unscaled(design: Design, channels: Mapping[str, Array]) -> dict[str, Array]:

@@ -15,12 +15,13 @@ from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.errors import LogError, NextCommand, RequestError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.measurement_correction import undone
 from pmsm_ctrl.regression.signals import drive_torque
 from pmsm_ctrl.section import Notice
-from pmsm_ctrl.track.notices import EFFECT_LEFT_OUT
+from pmsm_ctrl.track.notices import EFFECT_LEFT_OUT, MEASUREMENT_EFFECT_IN_STREAM
 from pmsm_ctrl.track.settings import Settings
 
-__all__ = ["KnownTorque", "Samples", "located", "noise_from_samples", "samples_of", "scatter"]
+__all__ = ["AsMeasured", "KnownTorque", "Samples", "located", "noise_from_samples", "samples_of", "scatter"]
 
 Array = NDArray[np.float64]
 OF_A_COUNT, COUNTED = 0.1, 0.8  # a step is a multiple of the least one to this; a fifth of any steps are, by chance
@@ -101,6 +102,48 @@ class KnownTorque:
             given = {**signals, "p": self._p, **values}
             total += effect.term(*(float(given[name]) for name in effect.arguments))
         return total
+
+
+class AsMeasured:
+    """The measurement effects of a design, taken off one sample at a time.
+
+    Attributes
+    ----------
+    notices : tuple of Notice
+        Effects that no single sample can be corrected for, and are left in: a delay, and the error of an angle where
+        the speed is what is measured.
+    """
+
+    def __init__(self, design: Design, measure: str) -> None:
+        self._stated, notices = design, []
+        self._corrects = False
+        for effect, values in bound_effects(design):
+            if effect.enters != "measurement" or not effect.active(values):
+                continue
+            if effect.structure.delays or (measure == "omega" and "theta" in effect.channels):
+                notices.append(MEASUREMENT_EFFECT_IN_STREAM(effect=effect.id))
+                self._stated = self._stated.without_effect(effect.id)
+            else:
+                self._corrects = True
+        self.notices: tuple[Notice, ...] = tuple(notices)
+
+    def __bool__(self) -> bool:
+        return self._corrects
+
+    def corrected(self, t: float, channels: Mapping[str, float]) -> dict[str, float]:
+        """Return the channels of a sample without the effects; those that are not finite as they are.
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+        channels : mapping of str to float
+            Measured; a channel that no sample has is left out.
+        """
+        present = {name: np.array([value]) for name, value in channels.items() if math.isfinite(value)}
+        without, left_in = undone(self._stated, np.array([t]), present)
+        self.notices = tuple(dict.fromkeys((*self.notices, *left_in)))
+        return {**channels, **{name: float(values[0]) for name, values in without.items()}}
 
 
 def samples_of(design: Design, log: Log, measure: str) -> Samples:

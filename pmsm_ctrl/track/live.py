@@ -16,7 +16,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.regression.signals import drive_torque
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import model, twin
-from pmsm_ctrl.track.inputs import KnownTorque
+from pmsm_ctrl.track.inputs import AsMeasured, KnownTorque
 from pmsm_ctrl.track.model import F_C, F_V, OMEGA, SIZE, THETA
 from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
 
@@ -91,6 +91,7 @@ class FrictionTracker:
 
         self.design, self.settings = design, settings or Settings()
         self._known = KnownTorque(design)
+        self._measured = AsMeasured(design, self.settings.measure)
         self._s = numbers(design, self.settings, design.log_period if period is None else period)
         self._m = memory()
         self._kf = ExtendedKalmanFilter(dim_x=SIZE, dim_z=1)
@@ -106,8 +107,8 @@ class FrictionTracker:
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Effects of the design that the tracker cannot evaluate."""
-        return self._known.notices
+        """Effects of the design that the tracker cannot evaluate, or cannot correct its inputs for."""
+        return (*self._known.notices, *self._measured.notices)
 
     @property
     def state(self) -> dict[str, float]:
@@ -162,6 +163,11 @@ class FrictionTracker:
         Reading
             The estimates after this sample.
         """
+        if self._measured:
+            read = {"omega": omega} if self.settings.measure == "omega" else {}
+            read |= {"theta": theta, "i_d": i_d} | ({"i_q": i_q} if torque is None else {"torque": torque})
+            read = self._measured.corrected(t, read)
+            theta, i_d, i_q = read["theta"], read["i_d"], read.get("i_q", i_q)
         drive = float(drive_torque(self.design, i_d, i_q)) if torque is None else torque
         z = theta if self.settings.measure == "theta" else omega
         known = self._known_torque(t, z, theta, i_d, i_q, drive) if self._known else 0.0

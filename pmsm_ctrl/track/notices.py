@@ -5,13 +5,17 @@ from __future__ import annotations
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "CHANGED", "CHANGING", "CONSTANT_SPEED", "EFFECT_LEFT_OUT", "INCONSISTENT", "NOT_EXCITED", "NOT_MOVED",
-    "ONE_DIRECTION", "REJECTED", "STREAM_CLOCK", "STREAM_LOST", "STREAM_REOPENED", "UNDERSAMPLED",
-    "UNMODELLED_TORQUE",
+    "CHANGED", "CHANGING", "CONSTANT_SPEED", "EFFECT_LEFT_OUT", "INCONSISTENT", "MEASUREMENT_EFFECT_IN_STREAM",
+    "NOT_EXCITED", "NOT_MOVED", "ONE_DIRECTION", "REJECTED", "STREAM_CLOCK", "STREAM_LOST", "STREAM_REOPENED",
+    "UNDERSAMPLED", "UNMODELLED_TORQUE",
 ]  # fmt: skip
 
 EFFECT_LEFT_OUT = Template(
     "effect_left_out", "{effect} is not modelled: the tracker cannot evaluate it from the motor's signals alone"
+)
+MEASUREMENT_EFFECT_IN_STREAM = Template(
+    "measurement_effect_in_stream",
+    "{effect} is not corrected: a single sample does not tell it; `track` corrects a log",
 )
 NOT_MOVED = Template("not_moved", "the axis never moved long enough: the estimates are the design's values")
 UNMODELLED_TORQUE = Template(

@@ -242,6 +242,12 @@ def test_a_tracker_that_could_not_work_is_refused(design: Design) -> None:
         export(design, "c", flavour="br")
 
 
+def test_a_tracker_says_what_its_inputs_are_not_corrected_for(design: Design) -> None:
+    wrong = design.with_effect("current_offset", {"o_alpha": 0.02, "o_beta": 0.0}).with_effect("delay", {"tau": 1e-3})
+    assert "not corrected for current_offset, delay" in export(wrong, "c", part="tracker")
+    assert "not corrected" not in export(design, "c", part="tracker")
+
+
 def test_a_design_without_pole_pairs_and_known_effects(tmp_path: Path) -> None:
     """The smallest tracker: torque from the torque constant alone."""
     plain = Design.from_dict(

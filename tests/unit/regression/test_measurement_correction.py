@@ -9,7 +9,8 @@ import pytest
 
 from pmsm_ctrl import Design
 from pmsm_ctrl.compare import compare
-from pmsm_ctrl.identify import identify
+from pmsm_ctrl.frf import frf
+from pmsm_ctrl.identify import evaluate_sweep, identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.measurement_correction import undone
@@ -67,6 +68,20 @@ def test_what_cannot_be_undone_is_said(design: Design) -> None:
     assert now["torque"] == pytest.approx(channels["torque"])
     assert [note.code for note in notes] == ["measurement_effect_left_in"]
     assert notes[0].text.startswith("current_offset is not corrected")
+
+
+def test_sweep_and_frequency_response_say_it_as_well(design: Design) -> None:
+    known = design.with_effect("current_offset", {"o_alpha": 0.01, "o_beta": 0.0})
+    for verb, motion in ((evaluate_sweep, "sweep"), (frf, "identification")):
+        log = simulate(design, motion, seed=3)
+        torque = 1.5 * design.motor.p * design.motor.psi_f * log["i_q"]
+        logged = {name: values for name, values in log.channels.items() if name not in ("i_d", "i_q")}
+        codes = {
+            name: [note.code for note in verb(known, one).notices]
+            for name, one in (("torque", Log({**logged, "torque": torque})), ("currents", log))
+        }
+        assert "measurement_effect_left_in" in codes["torque"]
+        assert "measurement_effect_left_in" not in codes["currents"]
 
 
 @pytest.mark.parametrize("effect", seeds("delay", "encoder_eccentricity", "current_offset", "current_gain"))

@@ -114,6 +114,37 @@ def test_twin_agrees_with_filterpy_through_known_effects(design: Design) -> None
     assert np.allclose([r.F_c for r in readings], track(full, log, Settings()).history["F_c"], rtol=1e-9)
 
 
+def test_a_stream_is_corrected_for_the_errors_of_its_sensors_as_a_log_is(design: Design) -> None:
+    """An offset and a mismatch of the current sensors and an eccentric encoder, each sample by itself."""
+    truth = (
+        design.with_effect("current_offset", {"o_alpha": 0.02, "o_beta": -0.01})
+        .with_effect("current_gain", {"g": 0.1, "g_c": 0.02, "g_s": 0.01})
+        .with_effect("encoder_eccentricity", {"e_s": 0.002, "e_c": 0.001})
+    )
+    log = simulate(design, scenario("triangle", design, speed=60.0, period=1.0, cycles=4.0), truth=truth, seed=2)
+    tracker = FrictionTracker(truth)
+    corrected = feed(tracker, log)[-1].F_c
+    assert corrected == pytest.approx(float(track(truth, log, Settings()).history["F_c"][-1]), rel=1e-6)
+    assert corrected == pytest.approx(F_C, rel=0.02)
+    assert feed(FrictionTracker(design), log)[-1].F_c > 1.05 * F_C  # a current that reads a tenth too large
+    assert not tracker.notices
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "measure", "left_in"),
+    [
+        ("delay", {"tau": 0.002}, "theta", True),
+        ("encoder_eccentricity", {"e_s": 0.002}, "omega", True),
+        ("encoder_eccentricity", {"e_s": 0.002}, "theta", False),
+    ],
+)
+def test_a_stream_says_what_it_is_not_corrected_for(
+    design: Design, effect: str, values: dict[str, float], measure: str, left_in: bool
+) -> None:
+    tracker = FrictionTracker(design.with_effect(effect, values), Settings(measure=measure))
+    assert [notice.code for notice in tracker.notices] == ["measurement_effect_in_stream"] * left_in
+
+
 def test_noise_that_is_twice_as_large_is_found_while_the_axis_runs(design: Design) -> None:
     """The filter raises its torque noise itself, sample by sample: a log and a live stream get the same."""
     loud = design.replace(sensor={"current_noise": 2.0 * design.sensor.current_noise})
