@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.effects.structures.interface import LINE_ERROR
+from pmsm_ctrl.effects.structures.interface import LINE_ERROR, swings_of_angle
 from pmsm_ctrl.regression.balances import Record
 
 __all__ = ["LINES", "RESOLVER", "likely_error", "line_swings", "shown_lines"]
@@ -74,14 +74,10 @@ def line_swings(record: Record, lines: int) -> tuple[Array, Array]:
     (array, array)
         For the greatest error that is likely, at the log's rate.
     """
-    theta, omega = record.signals["theta"], record.signals["omega"]
-    error = likely_error(lines)
-    frequency = lines * np.abs(omega) / (2.0 * np.pi)
+    frequency = lines * np.abs(record.signals["omega"]) / (2.0 * np.pi)
     slow = np.clip(2.0 - frequency / (FOLLOWED * record.cutoff), 0.0, 1.0)
-    angle = lines * theta
-    swings = (slow * record.rate_of(record.rate_of(error * wave(angle))) for wave in (np.sin, np.cos))
-    sine, cosine = (record.design.J * swing for swing in swings)
-    return sine, cosine
+    sine, cosine = swings_of_angle(record, lines, likely_error(lines))
+    return slow * sine, slow * cosine
 
 
 def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float, sure: Array) -> dict[int, float]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pmsm_ctrl.effects.base import Effect
 
 __all__ = ["Balances", "Known", "Lines", "LogView", "Machine", "Search", "SecondMass", "Structure", "UnavailableError"]
-__all__ += ["kernel_call"]
+__all__ += ["kernel_call", "swings_of_angle"]
 
 Array = NDArray[np.float64]
 Lines = dict[str, list[str]]
@@ -57,6 +57,27 @@ def drive_path(balances: Balances) -> list[dict[str, Array]]:
             slope = tau * balances.rate_of(slope)
             columns.append(slope)
     return [{"torque": column} for column in columns]
+
+
+def swings_of_angle(balances: Balances, order: float, error: float) -> tuple[Array, Array]:
+    """Return the torque that a periodic error of the angle pretends, shape (n,): of its sine, and of its cosine.
+
+    Parameters
+    ----------
+    balances : Balances
+    order : float
+        Periods of a turn.
+    error : float
+        Amplitude, rad.
+
+    Returns
+    -------
+    (array, array)
+        Inertia times second derivative, at the log's rate.
+    """
+    waves = (error * wave(order * balances.signals["theta"]) for wave in (np.sin, np.cos))
+    sine, cosine = (balances.design.J * balances.rate_of(balances.rate_of(one)) for one in waves)
+    return sine, cosine
 
 
 @dataclass(frozen=True)
@@ -331,10 +352,7 @@ class Structure(ABC):
         order = float(shape.get(effect.order, 0.0))
         if order < FEWEST_LINES or balances.linear or not float(np.log2(order)).is_integer():
             return []  # encoders whose signals are interpolated have a power of two of lines
-        error = LINE_ERROR * 2.0 * np.pi / order
-        angle = order * balances.signals["theta"]
-        swings = [balances.rate_of(balances.rate_of(error * wave(angle))) for wave in (np.sin, np.cos)]
-        return [{"torque": balances.design.J * swing} for swing in swings]
+        return [{"torque": swing} for swing in swings_of_angle(balances, order, LINE_ERROR * 2.0 * np.pi / order)]
 
     # -- search
 
