@@ -1,4 +1,4 @@
-"""The same log in a narrower band: where a name is looked for if the usual band has none, and where one is checked."""
+"""The same log in another band, and in half of its own, where a name is checked."""
 
 from __future__ import annotations
 

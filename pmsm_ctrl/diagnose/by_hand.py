@@ -20,11 +20,11 @@ from pmsm_ctrl.diagnose.diagnosis import (
     condition,
     finished,
     searched,
-    without_what_happened_once,
 )
 from pmsm_ctrl.diagnose.explorer import HeldOutTraces, coordinates_of, traces_between
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
+from pmsm_ctrl.diagnose.other_bands import without_what_happened_once
 from pmsm_ctrl.diagnose.outcome import errors_table, noise_floor
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.preview import beside_model

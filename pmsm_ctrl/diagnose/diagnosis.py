@@ -8,7 +8,8 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 - `selection`: one round, the best candidate that passes
 - `together`: effects that are each a minor part of what is left, and most of it together
 - `swap`: effects that another one can replace
-- `bands`: the same log in a narrower band, where nothing is named and where a name is checked
+- `other_bands`: the same log in other bands, where nothing is named in the usual one
+- `bands`: the same log in a narrower band, where a name is checked
 - `above_band`: a wave of a turn where it is too fast for the band
 - `fast_torque`: an effect that the torque beyond the band alone makes
 - `final_fit`, `shapes`: nonlinear parameters, fitted together with all others
@@ -21,7 +22,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -30,11 +31,10 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import notices as words
-from pmsm_ctrl.diagnose.bands import conditioned_in, unlike_in_half, without_events
+from pmsm_ctrl.diagnose.bands import unlike_in_half
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
 from pmsm_ctrl.diagnose.candidates import offered_effects
 from pmsm_ctrl.diagnose.case import Case
-from pmsm_ctrl.diagnose.events import events_of
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
@@ -42,13 +42,21 @@ from pmsm_ctrl.diagnose.held_out import same_as_log
 from pmsm_ctrl.diagnose.late import begun_late, better_late, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
+from pmsm_ctrl.diagnose.other_bands import (
+    hidden_by_noise,
+    in_bands_of_springs,
+    in_narrower_bands,
+    in_wider_band,
+    rings_inside,
+    without_what_happened_once,
+)
 from pmsm_ctrl.diagnose.outcome import outcome
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.polish import with_polish
-from pmsm_ctrl.diagnose.refusal import BESIDE_NOISE, Reason, Refusal
+from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.resonance import compared, measured, started
 from pmsm_ctrl.diagnose.result import Diagnosis
-from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, significant, with_sampling_told
+from pmsm_ctrl.diagnose.selection import Selection, best, significant, with_sampling_told
 from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.together import standing, together
 from pmsm_ctrl.diagnose.unexplained import unexplained
@@ -56,15 +64,13 @@ from pmsm_ctrl.diagnose.verdict import explains_most, explains_most_beside_noise
 from pmsm_ctrl.diagnose.written import as_written, lowering
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
-from pmsm_ctrl.errors import LogError, RequestError
+from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.plausibility.late_steps import moved_by_its_steps
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects
-from pmsm_ctrl.regression.conditioning import default_cutoff
-from pmsm_ctrl.regression.encoder_lines import LINES
-from pmsm_ctrl.regression.fast_orders import WIDEST, beyond_band, orders_beyond
+from pmsm_ctrl.regression.fast_orders import beyond_band
 from pmsm_ctrl.regression.joining import name_of as name_of_log
 from pmsm_ctrl.regression.made import Made, for_design
 from pmsm_ctrl.regression.one_axis import other_record
@@ -74,10 +80,9 @@ from pmsm_ctrl.result import Verdict
 if TYPE_CHECKING:
     from pmsm_ctrl.frf import FrequencyResponse
 
-__all__ = ["condition", "diagnose", "finished", "searched", "without_what_happened_once"]
+__all__ = ["condition", "diagnose", "finished", "searched"]
 
-NARROWER = 1.25  # times a band: one that is wider than it by less holds the same
-# Verdicts after which a name is looked for in a narrower band: those of a log that belongs to its design, and shows it.
+# Verdicts after which a name is looked for in other bands: those of a log that belongs to its design, and shows it.
 NOTHING_NAMED = (Verdict.CONSISTENT, Verdict.INCONCLUSIVE, Verdict.UNEXPLAINED)
 
 Progress = Callable[[float], None]
@@ -215,76 +220,16 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     if shown and found.verdict in NOTHING_NAMED and explains_most(found.selection.fit, case.policy):
         for other in in_narrower_bands(case):
             again = _select(other, progress=lambda share: progress(0.9))
-            hidden = again.steps and _hidden_by_noise(again.steps[0], shown, selection.refused, case.policy)
+            hidden = again.steps and hidden_by_noise(again.steps[0], shown, selection.refused, case.policy)
             if hidden and (named := _answered(other, again, plan, progress))[1].steps:
+                return named
+        for other in in_bands_of_springs(case, selection.fit, shown):
+            again = _select(other, progress=lambda share: progress(0.9))
+            if rings_inside(other, again) and (named := _answered(other, again, plan, progress))[1].steps:
                 return named
         if small.steps and (named := _answered(minor, small, plan, progress))[1].steps:
             return named
     return case, found
-
-
-def _hidden_by_noise(step: Step, shown: Collection[str], refused: Mapping[str, Refusal], policy: Policy) -> bool:
-    """Whether an effect found in a narrower band is one that the usual band shows as well, beside more noise.
-
-    Whatever is in half of a band is in the whole of it: noise makes it a small part there, and not insignificant. How
-    much of the residual it explains does not matter: chance is of another size in half of the narrower band. An effect
-    with a memory acts at all frequencies, and its shape adapts to what any band leaves: it is a large part, and the
-    usual band refuses it for what noise does, and not for a parameter.
-    """
-    name, structure = name_of(step.trial), step.trial.candidate.effect.structure
-    if name not in shown or not structure.has_memory:
-        return name in shown
-    refusal = refused.get(name)
-    noise = refusal is not None and refusal.reason in BESIDE_NOISE
-    return noise and not structure.delays and step.evidence.explained >= policy.refused_share
-
-
-def in_narrower_bands(case: Case) -> Iterator[Case]:
-    """Yield the case in the default band and in half of it, as far as they are narrower than its own.
-
-    Noise of the acceleration grows with the frequency: a slow effect may be a small part of what a band holds, and most
-    of what half of it does.
-
-    Parameters
-    ----------
-    case : Case
-    """
-    default = default_cutoff(case.record.prepared.rate)
-    for band in (default, 0.5 * default):
-        other = conditioned_in(band, case) if case.record.cutoff >= NARROWER * band else None
-        if other is not None and other.believed is not None:
-            fast = orders_beyond(other.as_given, other.believed.log, other.record.cutoff)
-            said = (*fast, *other.remarks, words.NARROWER_BAND(band=band, usual=case.record.cutoff))
-            yield without_what_happened_once(replace(other, surely=True, remarks=tuple(dict.fromkeys(said))))
-
-
-def in_wider_band(case: Case) -> Case | None:
-    """Return the case in a band that holds the fast orders of a turn that its log shows; None without any.
-
-    What the usual band holds of them, where the axis starts and stops, looks like friction. The log is conditioned with
-    the largest of them in the model: without it most of the acceleration is an error of the model, and no inertia is.
-    One that is the number of an encoder's lines may be their error, which is then in the model in its place.
-
-    Parameters
-    ----------
-    case : Case
-    """
-    beyond, wave = case.beyond, next((one for one in case.effects.values() if one.order and one.repeated), None)
-    if beyond is None or wave is None or case.in_band is None:
-        return None
-    if not NARROWER * case.record.cutoff <= beyond.band <= WIDEST * case.record.prepared.rate:
-        return None
-    usual = {one.symbol: one.start for one in wave.parameters}
-    shown = case.design.add_effect(wave.id, usual | {wave.order: float(beyond.orders[0])})
-    try:
-        other = case.in_band(band=beyond.band) if beyond.orders[0] in LINES else None
-        if other is None or beyond.orders[0] not in other.record.lines:
-            other = case.in_band(band=beyond.band, shown=shown)
-    except LogError:
-        return None
-    kept = [one for one in case.remarks if one is not beyond.notice]
-    said = words.WIDER_BAND(band=beyond.band, usual=case.record.cutoff, orders=beyond.orders[0])
-    return without_what_happened_once(replace(other, believed=case.believed, remarks=(*kept, said)))
 
 
 def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) -> tuple[Case, Diagnosis]:
@@ -387,22 +332,6 @@ def finished(case: Case, found: Diagnosis, holdouts: tuple[Log, ...]) -> Diagnos
     for record in (case.record, *case.holdouts):
         record.kept.clear()  # what was remembered of the log stays with no result
     return replace(found, log_name=case.name, holdout_name=names_of(holdouts, "the held-out log"))
-
-
-def without_what_happened_once(case: Case) -> Case:
-    """Keep what happened once out of every fit: no effect explains it, and it imitates some.
-
-    Parameters
-    ----------
-    case : Case
-
-    Returns
-    -------
-    Case
-    """
-    late = begun_late(case)  # what a delay leaves comes and goes with the motion
-    fit = case.keep(case.fit(())) if late is None or late.fit is None else late.fit
-    return without_events(case, events_of(fit, case.policy))
 
 
 def _select(

@@ -13,6 +13,7 @@ from pmsm_ctrl.section import Notice, Template
 __all__ = [
     "ABOVE_FLOOR",
     "AS_SENSOR",
+    "BAND_OF_A_SPRING",
     "BEYOND_BAND",
     "BEYOND_LOG",
     "COMMUTATION",
@@ -130,6 +131,11 @@ WIDER_BAND = Template(
     "wider_band",
     "evaluated in a band of {band:.0f} Hz: in the usual one, {usual:.0f} Hz, order {orders} of a turn is too fast at "
     "nearly all speeds",
+)
+BAND_OF_A_SPRING = Template(
+    "band_of_a_spring",
+    "evaluated in a band of {band:.0f} Hz: the load rings on its spring beyond the usual one, {usual:.0f} Hz, in which "
+    "it acts as a filter does",
 )
 MINOR_PART = Template(
     "minor_part",

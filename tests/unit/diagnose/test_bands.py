@@ -12,7 +12,8 @@ import pytest
 from pmsm_ctrl import Design, simulate
 from pmsm_ctrl.diagnose import above_band, diagnose
 from pmsm_ctrl.diagnose.bands import conditioned_in
-from pmsm_ctrl.diagnose.diagnosis import _hidden_by_noise, condition, in_narrower_bands
+from pmsm_ctrl.diagnose.diagnosis import condition
+from pmsm_ctrl.diagnose.other_bands import hidden_by_noise, in_narrower_bands
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.same_size import same_above, same_in_half
@@ -168,6 +169,6 @@ def test_what_a_narrower_band_shows_is_what_noise_hid(
     effect = SimpleNamespace(label=lambda shape: "a", structure=structure)
     trial = SimpleNamespace(candidate=SimpleNamespace(effect=effect), group=SimpleNamespace(shape={}))
     step: Any = SimpleNamespace(trial=trial, evidence=SimpleNamespace(explained=explained))
-    assert _hidden_by_noise(step, {"a"} if shown else set(), {"a": Refusal(reason)}, POLICY) == named
+    assert hidden_by_noise(step, {"a"} if shown else set(), {"a": Refusal(reason)}, POLICY) == named
     structure.delays = True
-    assert _hidden_by_noise(step, {"a"} if shown else set(), {"a": Refusal(reason)}, POLICY) == (named and not memory)
+    assert hidden_by_noise(step, {"a"} if shown else set(), {"a": Refusal(reason)}, POLICY) == (named and not memory)
