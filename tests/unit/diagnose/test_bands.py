@@ -1,4 +1,4 @@
-"""The narrower bands in which a name is looked for where the usual one has none."""
+"""The other bands in which a name is looked for where the usual one has none."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from pmsm_ctrl import Design, simulate
 from pmsm_ctrl.diagnose import above_band, diagnose
 from pmsm_ctrl.diagnose.bands import conditioned_in
 from pmsm_ctrl.diagnose.diagnosis import condition
-from pmsm_ctrl.diagnose.other_bands import hidden_by_noise, in_narrower_bands
+from pmsm_ctrl.diagnose.other_bands import hidden_by_noise, in_bands_of_springs, in_narrower_bands, rings_inside
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.same_size import same_above, same_in_half
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import scenario
 from tests.benchmarks.worlds.hidden import simulate_world
 from tests.benchmarks.worlds.world import draw
 from tests.effort import slow
@@ -39,6 +40,53 @@ def test_half_of_the_default_band_follows_it_and_nothing_follows_that(seed_motor
     assert said.detail == {"band": 20.0, "usual": 40.0}
     assert half.believed is case.believed, "log and design are examined once"
     assert not list(in_narrower_bands(half))
+
+
+def tried(name: str, resonance: float | None) -> Any:
+    structure = SimpleNamespace(resonance=lambda shape: resonance)
+    effect = SimpleNamespace(structure=structure, label=lambda shape: name)
+    return SimpleNamespace(candidate=SimpleNamespace(effect=effect), group=SimpleNamespace(shape={}))
+
+
+@pytest.mark.parametrize(
+    ("shown", "bands"), [({"spring"}, [64.0, 100.0]), ({"spring", "drag"}, [64.0, 100.0]), ({"drag"}, []), (set(), [])]
+)
+def test_a_spring_is_looked_for_in_wider_bands_where_the_usual_one_shows_it(
+    seed_motor: Design, shown: set[str], bands: list[float]
+) -> None:
+    case = condition(seed_motor, simulate(seed_motor, "triangle", seed=1), (), {}, POLICY)
+    fit: Any = SimpleNamespace(trials=(tried("spring", 70.0), tried("drag", None)))
+    assert [one.record.cutoff for one in in_bands_of_springs(case, fit, shown)] == bands
+
+
+def test_no_band_is_wider_than_the_log_holds(seed_motor: Design) -> None:
+    slow_log = seed_motor.replace(sensor={"log_divider": 4 * seed_motor.sensor.log_divider})
+    case = condition(slow_log, simulate(slow_log, "triangle", seed=1), (), {}, POLICY)
+    fit: Any = SimpleNamespace(trials=(tried("spring", 70.0),))
+    assert case.record.prepared.rate == pytest.approx(250.0)
+    assert [one.record.cutoff for one in in_bands_of_springs(case, fit, {"spring"})] == pytest.approx([50.0])
+
+
+@pytest.mark.parametrize(("resonance", "inside"), [(63.0, True), (65.0, False), (None, False)])
+def test_what_rings_beyond_the_band_as_well_is_a_filter_there(resonance: float | None, inside: bool) -> None:
+    case: Any = SimpleNamespace(record=SimpleNamespace(cutoff=64.0))
+    first = SimpleNamespace(effect=tried("spring", resonance).candidate.effect, shape={})
+    found: Any = SimpleNamespace(steps=("step",), fits=(None, SimpleNamespace(accepted=(first,))))
+    assert rings_inside(case, found) is inside
+    assert not rings_inside(case, SimpleNamespace(steps=()))  # type: ignore[arg-type]
+
+
+def test_a_spring_that_rings_beyond_the_usual_band_is_named(seed_motor: Design) -> None:
+    """In 40 Hz a load that rings at 97 Hz is a filter of the torque, and the answer was consistent."""
+    k = 4e-5 * (2.0 * np.pi * 97.0) ** 2
+    truth = seed_motor.with_effect("compliance", {"J_load": 4e-5, "k": k, "d": 5e-4})
+    log = simulate(seed_motor, scenario("identification", seed_motor, duration=15.0), truth=truth, seed=4)
+    found = diagnose(seed_motor, log, plan=False)
+    assert [step.effect for step in found.steps] == ["compliance"]
+    assert found.steps[0].parameters["k"].value / found.steps[0].parameters["J_load"].value == pytest.approx(
+        k / 4e-5, rel=0.03
+    )
+    assert "band_of_a_spring" in [one.code for one in found.notices]
 
 
 def test_a_band_whose_filters_ring_over_all_pieces_of_a_log_is_none(seed_motor: Design) -> None:

@@ -270,7 +270,7 @@ def test_minor_effects_are_selected_where_one_was_refused_as_minor(
     asked: list[bool] = []
     for name, made in {
         "_select": select, "_answered": answered, "significant": lambda *a: {"a"},
-        "explains_most": lambda *a: True, "in_narrower_bands": lambda *a: (),
+        "explains_most": lambda *a: True, "in_narrower_bands": lambda *a: (), "in_bands_of_springs": lambda *a: (),
         "together": lambda case, found: found,
     }.items():  # fmt: skip
         monkeypatch.setattr(algorithm, name, made)
