@@ -29,6 +29,7 @@ from pmsm_ctrl.regression.drive_timing import (
     drive_sampling,
     in_time,
     possible_sampling,
+    sampling_stated,
     stated_timing,
 )
 from pmsm_ctrl.regression.edges import MAD, WRONG_TORQUE
@@ -395,8 +396,9 @@ def _made(
     design: Design, log: Log, processing: Processing, age: DriveTiming | None, timing: DriveTiming,
     wrong: float, edges: float,
 ) -> Record:  # fmt: skip
-    (sampling, early), stated, log = possible_sampling(design, log), drive_sampling(design, log), unscaled(design, log)
+    stated, log = drive_sampling(design, log), unscaled(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
+    sampling, early = possible_sampling(design, log)
     finest, resolution = angle_steps(log)
     whole, given = in_time(design, ending_steadily(log), age or UNDELAYED), log
     log = timing.undone(thinned(whole))
@@ -447,9 +449,10 @@ def _made(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
         np.array(levels), kink[0], (*few, *_too_long(given, log), *_assumed_i_d(given, channels), *notes),
         None if "theta" in log else age, "theta" in log, delayed=late, timing=timing,
-        sampling=sampling, early=early, sampling_stated=stated.stated, commanded=stated.sampling == "command",
-        unseen=time_in_gaps(log), records=log.records, wrong=wrong, edges=edges, step=resolution, weighing=weighing,
-        rough=rough_acceleration(resolution, given.rate, prepared.cutoff), turning=turning,
+        sampling=sampling, early=early, sampling_stated=sampling_stated(design, given),
+        commanded=stated.sampling == "command", unseen=time_in_gaps(log), records=log.records, wrong=wrong, edges=edges,
+        step=resolution, weighing=weighing, turning=turning,
+        rough=rough_acceleration(resolution, given.rate, prepared.cutoff),
     )  # fmt: skip
 
 

@@ -44,6 +44,7 @@ __all__ = [
     "late_for",
     "possible_sampling",
     "sampling_columns",
+    "sampling_stated",
     "stated_timing",
 ]  # fmt: skip
 
@@ -276,6 +277,19 @@ def drive_sampling(design: Design, log: Log) -> Sampled:
     return design.log.of("torque" if "torque" in log else "i_q")
 
 
+def sampling_stated(design: Design, log: Log) -> bool:
+    """Whether it is stated when the drive signal was sampled beside the motion.
+
+    Of a log without a position that of the speed has to be stated as well: an observer's is late or early by its own.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    """
+    return drive_sampling(design, log).stated and ("theta" in log or design.log.of("omega").stated)
+
+
 def in_time(design: Design, log: Log, more: DriveTiming = UNDELAYED) -> Log:
     """Undo what the design states of the sampling of motion and voltages, and the age of a speed without a position.
 
@@ -314,7 +328,7 @@ def possible_sampling(design: Design, log: Log) -> tuple[float, float]:
     log : Log
     """
     stated, period = drive_sampling(design, log), log.period
-    if stated.stated:
+    if sampling_stated(design, log):
         return STATED_WITHIN * period, STATED_WITHIN * period
     late = max(period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
     return STATED_WITHIN * period if stated.sampling == "command" else late, late + CURRENT_LOOP
