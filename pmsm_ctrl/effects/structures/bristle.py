@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 
 LEVEL = "(level)"  # the column's factor: how much of the dry friction the bristle carries
 SHARES_OF_REACH = (0.3, 3.0)  # of the deflection of one bristle, that of others of the same surface
+# Deflections that are searched, rad, or times a hundredth of the travel: of a bearing that rolls, of a stiff one and of
+# a soft belt; how many encoder steps the least one is, and how many there are in a decade.
+ROLLING, STIFF, SOFT, STEPS, PER_DECADE = 1e-5, 2e-4, 0.2, 4.0, 9
 LAGS = 3.0  # times its scale: the travel after which 95 % of a bristle's lag are over
 
 
@@ -146,13 +149,16 @@ class Bristle(Structure):
     def search(self, effect: Effect, log: LogView) -> Search:
         """Return deflections from those of a stiff bearing to those of a soft belt, the rest at the start values.
 
+        Those of a bearing that rolls without a seal are told by a fine encoder alone.
         None in a log without an angle: a speed that the drive has filtered or observed tells no travel of a bristle.
         """
         if not log.balances.angle:
             return Search((), why_not="it shows in the travel around reversals, and this log has no angle")
         scale = log.travel / 100.0 if log.balances.linear else 1.0
         rest = {p.symbol: p.start for p in effect.parameters}
-        deflections = np.geomspace(2e-4, 0.2, 28) * scale
+        finest = float(np.clip(STEPS * log.balances.step / scale, ROLLING, STIFF))
+        count = round(PER_DECADE * float(np.log10(SOFT / finest))) + 1
+        deflections = np.geomspace(finest, SOFT, count) * scale
         return Search(tuple({**rest, self.deflection: float(z)} for z in deflections))
 
     def refined_later(self, effect: Effect, shape: Mapping[str, float]) -> bool:
