@@ -47,7 +47,7 @@ from pmsm_ctrl.diagnose.other_bands import (
     in_bands_of_springs,
     in_narrower_bands,
     in_wider_band,
-    rings_inside,
+    rings_beyond,
     without_what_happened_once,
 )
 from pmsm_ctrl.diagnose.outcome import outcome
@@ -225,7 +225,10 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
                 return named
         for other in in_bands_of_springs(case, selection.fit, shown):
             again = _select(other, progress=lambda share: progress(0.9))
-            if rings_inside(other, again) and (named := _answered(other, again, plan, progress))[1].steps:
+            if (
+                rings_beyond(case.record.cutoff, other, again)
+                and (named := _answered(other, again, plan, progress))[1].steps
+            ):
                 return named
         if small.steps and (named := _answered(minor, small, plan, progress))[1].steps:
             return named

@@ -20,13 +20,14 @@ from pmsm_ctrl.regression.encoder_lines import LINES
 from pmsm_ctrl.regression.fast_orders import WIDEST, orders_beyond
 
 __all__ = [
-    "hidden_by_noise", "in_bands_of_springs", "in_narrower_bands", "in_wider_band", "rings_inside",
+    "hidden_by_noise", "in_bands_of_springs", "in_narrower_bands", "in_wider_band", "rings_beyond",
     "without_what_happened_once",
 ]  # fmt: skip
 
 NARROWER = 1.25  # times a band: one that is wider than it by less holds the same
 # Times the usual band: so much wider are the bands in which a spring is looked for that rings beyond the usual one.
 OF_SPRINGS = (1.6, 2.5)
+EDGE = 0.8  # of a band: what is faster is in the skirts of the filters
 
 
 def without_what_happened_once(case: Case) -> Case:
@@ -144,16 +145,19 @@ def in_bands_of_springs(case: Case, fit: Fitted, shown: Collection[str]) -> Iter
             yield without_what_happened_once(replace(other, believed=case.believed, remarks=remarks))
 
 
-def rings_inside(case: Case, found: Selection) -> bool:
-    """Whether what was accepted first is a load on a spring that rings inside the band of the case.
+def rings_beyond(usual: float, case: Case, found: Selection) -> bool:
+    """Whether what was accepted first is a load on a spring that rings beyond the usual band, and inside a wider one.
 
     Parameters
     ----------
+    usual : float
+        Band, Hz.
     case : Case
+        In the wider one.
     found : Selection
     """
     if not found.steps:
         return False
     one = found.fits[1].accepted[0]
     resonance = one.effect.structure.resonance(one.shape)
-    return resonance is not None and resonance <= case.record.cutoff
+    return resonance is not None and EDGE * usual <= resonance <= case.record.cutoff

@@ -13,7 +13,7 @@ from pmsm_ctrl import Design, simulate
 from pmsm_ctrl.diagnose import above_band, diagnose
 from pmsm_ctrl.diagnose.bands import conditioned_in
 from pmsm_ctrl.diagnose.diagnosis import condition
-from pmsm_ctrl.diagnose.other_bands import hidden_by_noise, in_bands_of_springs, in_narrower_bands, rings_inside
+from pmsm_ctrl.diagnose.other_bands import hidden_by_noise, in_bands_of_springs, in_narrower_bands, rings_beyond
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.same_size import same_above, same_in_half
@@ -67,13 +67,17 @@ def test_no_band_is_wider_than_the_log_holds(seed_motor: Design) -> None:
     assert [one.record.cutoff for one in in_bands_of_springs(case, fit, {"spring"})] == pytest.approx([50.0])
 
 
-@pytest.mark.parametrize(("resonance", "inside"), [(63.0, True), (65.0, False), (None, False)])
-def test_what_rings_beyond_the_band_as_well_is_a_filter_there(resonance: float | None, inside: bool) -> None:
+@pytest.mark.parametrize(
+    ("resonance", "counts"), [(63.0, True), (33.0, True), (31.0, False), (65.0, False), (None, False)]
+)
+def test_what_rings_beyond_both_bands_or_inside_the_usual_one_does_not_count(
+    resonance: float | None, counts: bool
+) -> None:
     case: Any = SimpleNamespace(record=SimpleNamespace(cutoff=64.0))
     first = SimpleNamespace(effect=tried("spring", resonance).candidate.effect, shape={})
     found: Any = SimpleNamespace(steps=("step",), fits=(None, SimpleNamespace(accepted=(first,))))
-    assert rings_inside(case, found) is inside
-    assert not rings_inside(case, SimpleNamespace(steps=()))  # type: ignore[arg-type]
+    assert rings_beyond(40.0, case, found) is counts
+    assert not rings_beyond(40.0, case, SimpleNamespace(steps=()))  # type: ignore[arg-type]
 
 
 def test_a_spring_that_rings_beyond_the_usual_band_is_named(seed_motor: Design) -> None:
