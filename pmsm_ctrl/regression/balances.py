@@ -396,9 +396,7 @@ def _made(
     design: Design, log: Log, processing: Processing, age: DriveTiming | None, timing: DriveTiming,
     wrong: float, edges: float,
 ) -> Record:  # fmt: skip
-    stated, log = drive_sampling(design, log), unscaled(design, log)
-    log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
-    sampling, early = possible_sampling(design, log)
+    log, few = without_coarse_angle(design, unscaled(design, log), processing.cutoff or default_cutoff(log.rate))
     finest, resolution = angle_steps(log)
     whole, given = in_time(design, ending_steadily(log), age or UNDELAYED), log
     log = timing.undone(thinned(whole))
@@ -449,11 +447,19 @@ def _made(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
         np.array(levels), kink[0], (*few, *_too_long(given, log), *_assumed_i_d(given, channels), *notes),
         None if "theta" in log else age, "theta" in log, delayed=late, timing=timing,
-        sampling=sampling, early=early, sampling_stated=sampling_stated(design, given),
-        commanded=stated.sampling == "command", unseen=time_in_gaps(log), records=log.records, wrong=wrong, edges=edges,
+        **_sampled(design, given), unseen=time_in_gaps(log), records=log.records, wrong=wrong, edges=edges,
         step=resolution, weighing=weighing, turning=turning,
         rough=rough_acceleration(resolution, given.rate, prepared.cutoff),
     )  # fmt: skip
+
+
+def _sampled(design: Design, log: Log) -> dict[str, Any]:
+    """Return what a record says of how its drive signal may have been sampled beside the motion."""
+    sampling, early = possible_sampling(design, log)
+    commanded = drive_sampling(design, log).sampling == "command"
+    return {
+        "sampling": sampling, "early": early, "commanded": commanded, "sampling_stated": sampling_stated(design, log)
+    }  # fmt: skip
 
 
 def _speed_asked(log: Log, prepared: Prepared) -> dict[str, Array]:
