@@ -225,10 +225,8 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
                 return named
         for other in in_bands_of_springs(case, selection.fit, shown):
             again = _select(other, progress=lambda share: progress(0.9))
-            if (
-                rings_beyond(case.record.cutoff, other, again)
-                and (named := _answered(other, again, plan, progress))[1].steps
-            ):
+            rings = rings_beyond(case.record.cutoff, other, again)
+            if rings and (named := _answered(other, again, plan, progress))[1].steps:
                 return named
         if small.steps and (named := _answered(minor, small, plan, progress))[1].steps:
             return named

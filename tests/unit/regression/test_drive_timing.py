@@ -361,6 +361,18 @@ def test_beside_a_stated_sampling_half_a_period_is_a_delay(seed: int) -> None:
     assert diagnose(stating(sampling="instant", late=0.5 * PERIOD), log, plan=False).steps == ()
 
 
+@pytest.mark.parametrize("seed", seeds(3, 4))
+def test_a_stated_sampling_beside_a_speed_of_which_nothing_is_stated_is_no_delay(seed: int) -> None:
+    """A speed without a position may lead the currents, as that of an observer does; stated as well it does not."""
+    log = of_speed_alone(made(seed, late=0.5 * PERIOD))
+    found = diagnose(stating(sampling="instant"), log, plan=False)
+    assert (found.verdict, names(found)) == ("consistent", [])
+    both = stating(sampling="instant", sampled={"omega": {"sampling": "instant"}})
+    found = diagnose(both, log, plan=False)
+    assert names(found) == ["delay"]
+    assert found.steps[0].parameters["tau"].value == pytest.approx(0.5 * PERIOD, rel=0.1)
+
+
 def test_a_stated_command_alone_holds_the_back_emf(project_root: Path) -> None:
     design = Design.read(project_root / "designs" / "seed_motor.toml")
     log = simulate(design, "identification", seed=1)
