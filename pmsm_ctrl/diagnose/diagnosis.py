@@ -223,7 +223,7 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
             hidden = again.steps and hidden_by_noise(again.steps[0], shown, selection.refused, case.policy)
             if hidden and (named := _answered(other, again, plan, progress))[1].steps:
                 return named
-        for other in in_bands_of_springs(case, selection.fit, shown):
+        for other in in_bands_of_springs(case, selection, shown):
             again = _select(other, progress=lambda share: progress(0.9))
             rings = rings_beyond(case.record.cutoff, other, again)
             if rings and (named := _answered(other, again, plan, progress))[1].steps:

@@ -9,10 +9,9 @@ from pmsm_ctrl.diagnose import notices as words
 from pmsm_ctrl.diagnose.bands import conditioned_in, without_events
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.events import events_of
-from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.late import begun_late
 from pmsm_ctrl.diagnose.policy import Policy
-from pmsm_ctrl.diagnose.refusal import BESIDE_NOISE, Refusal
+from pmsm_ctrl.diagnose.refusal import BESIDE_NOISE, Reason, Refusal
 from pmsm_ctrl.diagnose.selection import Selection, Step, name_of
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.regression.conditioning import default_cutoff
@@ -120,22 +119,24 @@ def in_wider_band(case: Case) -> Case | None:
     return without_what_happened_once(replace(other, believed=case.believed, remarks=(*kept, said)))
 
 
-def in_bands_of_springs(case: Case, fit: Fitted, shown: Collection[str]) -> Iterator[Case]:
+def in_bands_of_springs(case: Case, found: Selection, shown: Collection[str]) -> Iterator[Case]:
     """Yield the case in wider bands, where a spring is significant in its own and its load may ring beyond that.
 
     Below its resonance a load on a spring acts as a filter of the drive signal does, and is refused for that. Where it
-    rings nothing else looks like it.
+    rings nothing else looks like it. One that is another one in half of the usual band is an error of the model.
 
     Parameters
     ----------
     case : Case
-    fit : Fitted
-        In its band, with every candidate tried.
+    found : Selection
+        In its band: its last fit has every candidate tried.
     shown : collection of str
         Candidates that are significant there.
     """
-    tried = ((name_of(one), one.candidate.effect.structure.resonance(one.group.shape)) for one in fit.trials)
-    if not any(name in shown and resonance is not None for name, resonance in tried):
+    tried = ((name_of(one), one.candidate.effect.structure.resonance(one.group.shape)) for one in found.fit.trials)
+    names = [name for name, resonance in tried if name in shown and resonance is not None]
+    reasons = [found.refused[name].reason for name in names if name in found.refused]
+    if not reasons or Reason.OTHER_BAND in reasons:
         return
     for wider in OF_SPRINGS:
         band = wider * case.record.cutoff

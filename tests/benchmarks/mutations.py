@@ -115,7 +115,7 @@ MUTATIONS = (
     Mutation("bands of springs: one that rings inside the usual band counts", "diagnose/other_bands.py",
              "EDGE * usual <= resonance", "0.0 <= resonance", "unit/diagnose/test_bands.py -k rings"),
     Mutation("bands of springs: looked in whatever the usual band shows", "diagnose/other_bands.py",
-             "name in shown and resonance is not None", "resonance is not None",
+             "if name in shown and resonance is not None", "if resonance is not None",
              "unit/diagnose/test_bands.py -k spring"),
     Mutation("minor effects: never looked for", "diagnose/diagnosis.py",
              "if shown and any(", "if not shown and any(", "unit/diagnose/test_selection.py"),

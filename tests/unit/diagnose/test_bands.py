@@ -48,23 +48,34 @@ def tried(name: str, resonance: float | None) -> Any:
     return SimpleNamespace(candidate=SimpleNamespace(effect=effect), group=SimpleNamespace(shape={}))
 
 
+def refused(reason: Reason, *trials: Any) -> Any:
+    return SimpleNamespace(fit=SimpleNamespace(trials=trials), refused={"spring": Refusal(reason)})
+
+
 @pytest.mark.parametrize(
-    ("shown", "bands"), [({"spring"}, [64.0, 100.0]), ({"spring", "drag"}, [64.0, 100.0]), ({"drag"}, []), (set(), [])]
+    ("shown", "reason", "bands"),
+    [
+        ({"spring"}, Reason.EXPLAINED_BY_RIVALS, [64.0, 100.0]),
+        ({"spring", "drag"}, Reason.MINOR, [64.0, 100.0]),
+        ({"spring"}, Reason.OTHER_BAND, []),
+        ({"drag"}, Reason.MINOR, []),
+        (set(), Reason.NOT_SIGNIFICANT, []),
+    ],
 )
 def test_a_spring_is_looked_for_in_wider_bands_where_the_usual_one_shows_it(
-    seed_motor: Design, shown: set[str], bands: list[float]
+    seed_motor: Design, shown: set[str], reason: Reason, bands: list[float]
 ) -> None:
     case = condition(seed_motor, simulate(seed_motor, "triangle", seed=1), (), {}, POLICY)
-    fit: Any = SimpleNamespace(trials=(tried("spring", 70.0), tried("drag", None)))
-    assert [one.record.cutoff for one in in_bands_of_springs(case, fit, shown)] == bands
+    found = refused(reason, tried("spring", 70.0), tried("drag", None))
+    assert [one.record.cutoff for one in in_bands_of_springs(case, found, shown)] == bands
 
 
 def test_no_band_is_wider_than_the_log_holds(seed_motor: Design) -> None:
     slow_log = seed_motor.replace(sensor={"log_divider": 4 * seed_motor.sensor.log_divider})
     case = condition(slow_log, simulate(slow_log, "triangle", seed=1), (), {}, POLICY)
-    fit: Any = SimpleNamespace(trials=(tried("spring", 70.0),))
+    found = refused(Reason.MINOR, tried("spring", 70.0))
     assert case.record.prepared.rate == pytest.approx(250.0)
-    assert [one.record.cutoff for one in in_bands_of_springs(case, fit, {"spring"})] == pytest.approx([50.0])
+    assert [one.record.cutoff for one in in_bands_of_springs(case, found, {"spring"})] == pytest.approx([50.0])
 
 
 @pytest.mark.parametrize(
