@@ -29,7 +29,6 @@ from pmsm_ctrl.regression.drive_timing import (
     drive_sampling,
     in_time,
     possible_sampling,
-    sampling_stated,
     stated_timing,
 )
 from pmsm_ctrl.regression.edges import MAD, WRONG_TORQUE
@@ -456,10 +455,9 @@ def _made(
 def _sampled(design: Design, log: Log) -> dict[str, Any]:
     """Return what a record says of how its drive signal may have been sampled beside the motion."""
     sampling, early = possible_sampling(design, log)
-    commanded = drive_sampling(design, log).sampling == "command"
-    return {
-        "sampling": sampling, "early": early, "commanded": commanded, "sampling_stated": sampling_stated(design, log)
-    }  # fmt: skip
+    stated = drive_sampling(design, log)
+    commanded = stated.sampling == "command"
+    return {"sampling": sampling, "early": early, "commanded": commanded, "sampling_stated": stated.stated}
 
 
 def _speed_asked(log: Log, prepared: Prepared) -> dict[str, Array]:

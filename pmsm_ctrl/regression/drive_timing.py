@@ -44,7 +44,6 @@ __all__ = [
     "late_for",
     "possible_sampling",
     "sampling_columns",
-    "sampling_stated",
     "stated_timing",
 ]  # fmt: skip
 
@@ -277,19 +276,6 @@ def drive_sampling(design: Design, log: Log) -> Sampled:
     return design.log.of("torque" if "torque" in log else "i_q")
 
 
-def sampling_stated(design: Design, log: Log) -> bool:
-    """Whether it is stated when the drive signal was sampled beside the motion.
-
-    Of a log without a position that of the speed has to be stated as well: an observer's is late or early by its own.
-
-    Parameters
-    ----------
-    design : Design
-    log : Log
-    """
-    return drive_sampling(design, log).stated and ("theta" in log or design.log.of("omega").stated)
-
-
 def in_time(design: Design, log: Log, more: DriveTiming = UNDELAYED) -> Log:
     """Undo what the design states of the sampling of motion and voltages, and the age of a speed without a position.
 
@@ -320,7 +306,9 @@ def possible_sampling(design: Design, log: Log) -> tuple[float, float]:
     """Return how late and how early, s, the drive signal of a log may be sampled beside the position.
 
     By a period of the log, or of the speed loop, whose steps are always sampled at the same place; and earlier by what
-    a current loop lags, since the signal may be its command. A command that is stated as one is not late.
+    a current loop lags, since the signal may be its command. A command that is stated as one is not late. What is
+    stated beside a position says nothing beside a speed of which nothing is stated: an observer's lags or leads by
+    itself.
 
     Parameters
     ----------
@@ -328,7 +316,7 @@ def possible_sampling(design: Design, log: Log) -> tuple[float, float]:
     log : Log
     """
     stated, period = drive_sampling(design, log), log.period
-    if sampling_stated(design, log):
+    if stated.stated and ("theta" in log or design.log.of("omega").stated):
         return STATED_WITHIN * period, STATED_WITHIN * period
     late = max(period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
     return STATED_WITHIN * period if stated.sampling == "command" else late, late + CURRENT_LOOP

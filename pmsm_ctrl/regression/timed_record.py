@@ -238,7 +238,8 @@ def _age(design: Design, record: Record, fit: Estimated) -> DriveTiming | None:
     spread = age.spread + value
     if spread - record.period**2 / 24.0 <= SURE * stderr:
         return DriveTiming(delay)
-    lag = min(math.sqrt(2.0 * spread), max(delay + record.sampling, 0.0))
+    early = STATED_WITHIN * record.period if record.sampling_stated else record.sampling
+    lag = min(math.sqrt(2.0 * spread), max(delay + early, 0.0))
     return DriveTiming(delay - lag, lag)
 
 
