@@ -24,7 +24,8 @@ __all__ = [
 ]  # fmt: skip
 
 NARROWER = 1.25  # times a band: one that is wider than it by less holds the same
-# Times the usual band: so much wider are the bands in which a spring is looked for that rings beyond the usual one.
+# Times the usual band: so much wider are the bands in which a spring is looked for that rings beyond the usual one. Of
+# 100 springs of a simulator that is not part of the project four times would add one right frequency and two wrong
 OF_SPRINGS = (1.6, 2.5)
 EDGE = 0.8  # of a band: what is faster is in the skirts of the filters
 
