@@ -144,7 +144,7 @@ def in_bands_of_springs(case: Case, found: Selection, shown: Collection[str]) ->
         other = conditioned_in(band, case) if band <= WIDEST * case.record.prepared.rate else None
         if other is not None:
             remarks = (*case.remarks, words.BAND_OF_A_SPRING(band=band, usual=case.record.cutoff))
-            yield without_what_happened_once(replace(other, believed=case.believed, remarks=remarks))
+            yield without_what_happened_once(replace(other, remarks=remarks))
 
 
 def rings_beyond(usual: float, case: Case, found: Selection) -> bool:
