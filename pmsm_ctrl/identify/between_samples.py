@@ -1,15 +1,22 @@
 """What a log does not tell of the torque between its samples, and how far that may shift the parameters.
 
 A log that takes instants of a faster drive folds what the torque holds around the log's rate f_s into the band. That is
-not known, but what it holds around f_s / 2 is: multiplied by (-1)^k it lies in the band, and the regression tells what
-it would do there. The spectrum of a torque with edges falls as 1/f, of one with kinks as 1/f^2, so that twice as high
-there is at most half as much. Without edge or kink only noise is there, which the standard error holds already.
+not known, but what it holds around a fraction of f_s is: multiplied by a wave of that frequency it lies in the band,
+and the regression tells what it would do there.
+
+*Edges at any time* have a spectrum without lines that falls as 1/f, and kinks one that falls as 1/f^2: around f_s it is
+at most half as large as around f_s / 2. *A drive that holds its reference* for N control periods makes a saw tooth of
+height A, and a log of every D-th period meets q = N / gcd(N, D) of its places. Their mean is up to A / (2 q) off, and
+their discrete Fourier transform has lines of amplitude A / (q sin(pi k / q)) at all k / q of f_s, k < q / 2. *Without
+edge or kink* only noise is there, which the standard error holds already.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +36,15 @@ __all__ = ["folded_errors", "with_folded_errors"]
 
 Array = NDArray[np.float64]
 
-# Standard deviation of what lies anywhere within plus or minus half of the content around f_s / 2.
-SHARE = 0.5 / math.sqrt(3.0)
+PLACES = range(2, 11)  # of a held reference that a log may meet, q
+HALF = Fraction(1, 2)
+LINE = 3.0  # times what noise and the other fractions do to a parameter is a line of the spectrum
+UNIFORM = 1.0 / math.sqrt(3.0)  # standard deviation of what lies anywhere within plus or minus one
 # Standard error of an inertia, as its share, that a delay and a variance leave of a sampling that is not stated: the
 # reference is held, the current loop has its own response, and a log meets both at the same places. Of 77 worlds 64 had
 # the inertia in its 95 % interval without it, 72 with it; of 78 that it was not chosen on 60 and 68.
 UNSTATED = 5e-4
-FASTER, SAME = 1.5, 1e-3  # rate of a drive that moves between the samples over that of the log; what is no other rate
+FASTER = 1.5  # rate of a drive that moves between the samples, over that of the log
 
 
 def folded_errors(
@@ -61,20 +70,58 @@ def folded_errors(
     """
     if drive_sampling(design, log).sampling == "mean":
         return {}
-    taken = abs(prepared.rate - log.rate) < SAME * log.rate and len(prepared.keep) == len(problem.t)
-    if not (taken and design.motor.electrical and design.drive.f_control > FASTER * log.rate):
+    if len(prepared.keep) != len(problem.t) or not _faster(design, log):
         return {}
-    raw = {name: np.interp(prepared.t, log.t, log[name]) for name in ("torque", "i_d", "i_q") if name in log}
-    torque = logged_torque(design, raw)
-    around = prepared.column(torque * np.where(np.arange(len(torque)) % 2, -1.0, 1.0))
     w = np.ones(len(problem.t)) if weight is None else weight
-    columns = tuple(replace(column, values=w * column.values) for column in problem.columns)
-    other = solve(replace(problem, target=w * (problem.target + around), columns=columns), by_blocks=weight is not None)
+    # by the motion itself: what a reference or a known value holds in its place is folded all the same
+    columns = tuple(replace(c, values=w * c.values, held=c.is_nuisance and c.held, prior=None) for c in problem.columns)
+    free = solve(replace(problem, target=w * problem.target, columns=columns), by_blocks=weight is not None)
+    shifts = _shifts(design, log, prepared, free.weights, w, problem.mask)
+    return {
+        name: _folded({r: sizes[problem.names.index(name)] for r, sizes in shifts.items()}, free.stderr[name])
+        for name, stderr in fit.stderr.items()
+        if np.isfinite(stderr) and np.isfinite(free.stderr.get(name, np.nan))
+    }
+
+
+def _faster(design: Design, log: Log) -> bool:
+    """Whether the drive moves its torque between the samples; one of which nothing is stated may."""
+    stated = design.motor.electrical or "f_control" in design.drive.model_fields_set
+    return not stated or design.drive.f_control > FASTER * log.rate
+
+
+def _folded(sizes: Mapping[Fraction, float], stderr: float) -> float:
+    """Return the standard error by what the torque holds around these fractions of the log's rate."""
+    bounds = [0.5 * math.sqrt(max(sizes[HALF] ** 2 - stderr**2, 0.0))]
+    usual = max(stderr, float(np.median(list(sizes.values()))))
+    for q in PLACES:
+        lines = sorted(size for r, size in sizes.items() if (q * r).denominator == 1 and (r < HALF or q == 2))
+        most = max(1, (q - 1) // 2)
+        if lines and lines[0] > LINE * usual:
+            # a wave multiplied by one of its own frequency leaves half of itself in the band, one of f_s / 2 all of it;
+            # a tooth that lasts for less than q samples has its lines in another order
+            bounds.append(min(size * math.sin(math.pi * (most - k) / q) for k, size in enumerate(lines)))
+    return UNIFORM * max(bounds)
+
+
+def _shifts(
+    design: Design, log: Log, prepared: Prepared, weights: Array, w: Array, mask: NDArray[np.bool_]
+) -> dict[Fraction, list[float]]:
+    """Return by how much what the torque holds around each fraction of the rate would shift every parameter."""
+    from scipy.ndimage import uniform_filter1d
+
+    raw = {name: log[name] for name in ("torque", "i_d", "i_q") if name in log}
+    torque, place = logged_torque(design, raw), np.round((log.t - log.t[0]) * log.rate)
+    ratio = max(1, round(log.rate / prepared.rate))  # of a log that was thinned by means
     found = {}
-    for name, stderr in fit.stderr.items():
-        if name in other.values and name in fit.values and np.isfinite(stderr):
-            beyond = (other.values[name] - fit.values[name]) ** 2 - stderr**2
-            found[name] = SHARE * math.sqrt(max(beyond, 0.0))
+    for r in sorted({Fraction(k, q) for q in PLACES for k in range(1, q // 2 + 1)}):
+        if r < HALF and r * log.rate < 2.0 * prepared.cutoff:
+            continue  # the motion itself is there
+        angle = 2.0 * np.pi * float(r) * place
+        waves = (np.cos(angle), np.sin(angle)) if r < HALF else (np.cos(angle),)
+        slow = [np.interp(prepared.t, log.t, uniform_filter1d(torque * wave, ratio)) for wave in waves]
+        around = (w * prepared.columns(slow))[:, mask]
+        found[r] = np.linalg.norm(weights @ around.T, axis=1).tolist()
     return found
 
 
@@ -107,8 +154,10 @@ def with_folded_errors(
     wider = {
         name: math.hypot(error, found.get(name, 0.0), sampled.get(name, 0.0)) for name, error in fit.stderr.items()
     }
-    said = [
-        words.BETWEEN_SAMPLES(name=name, error=error, unit=units[name], rate=1.0 / design.drive.speed_period)
-        for name, error in found.items() if error > fit.stderr[name]
-    ]  # fmt: skip
-    return replace(fit, stderr=wider), tuple(said)
+    shifts = ", ".join(
+        f"{name} by some {error:.2g} {units[name]}"
+        for name, error in found.items()
+        if error > max(fit.stderr[name], UNSTATED * abs(fit.values[name]))
+    )
+    said = (words.BETWEEN_SAMPLES(shifts=shifts, rate=1.0 / design.drive.speed_period),) if shifts else ()
+    return replace(fit, stderr=wider), said

@@ -21,8 +21,8 @@ BOUND = Template(
 )
 BETWEEN_SAMPLES = Template(
     "torque_between_samples",
-    "the torque moves between the samples of this log, which shifts {name} by some {error:.2g} {unit}; its interval "
-    "allows for that; log at the rate of the speed loop, {rate:g} Hz, or the mean over a period, and state it in [log]",
+    "the torque moves between the samples of this log, which may shift {shifts}; the intervals allow for that; log at "
+    "the rate of the speed loop, {rate:g} Hz, or the mean over a period, and state it in [log]",
 )
 ILL_CONDITIONED = Template(
     "ill_conditioned", "condition number {condition:.3g}: some parameters are nearly inseparable on this motion"
