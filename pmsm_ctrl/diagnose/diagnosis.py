@@ -39,7 +39,7 @@ from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.held_out import same_as_log
-from pmsm_ctrl.diagnose.late import begun_late, better_late, with_its_delay
+from pmsm_ctrl.diagnose.late import begun_late, better_late, not_ahead, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.other_bands import (
@@ -183,6 +183,8 @@ def _answer(case: Case, plan: bool, progress: Progress) -> tuple[Case, Diagnosis
     if case.believed is not None and case.believed.contradictions:
         return case, outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
     found = searched(without_what_happened_once(case), plan, progress)
+    while (later := not_ahead(found)) is not None:
+        found = searched(without_what_happened_once(later), plan, progress)
     late = with_its_delay(case)
     return found if late is None else better_late(found, searched(without_what_happened_once(late), plan, progress))
 

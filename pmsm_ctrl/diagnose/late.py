@@ -24,9 +24,9 @@ from pmsm_ctrl.effects.structures import Delay
 from pmsm_ctrl.regression.base_fit import base_fit
 from pmsm_ctrl.regression.covariance import noise_covariance
 from pmsm_ctrl.regression.drive_timing import SPREAD, DriveTiming, filter_behind
-from pmsm_ctrl.regression.made import for_design
+from pmsm_ctrl.regression.made import Made, for_design
 
-__all__ = ["begun_late", "better_late", "with_its_delay"]
+__all__ = ["begun_late", "better_late", "not_ahead", "with_its_delay"]
 
 
 def with_its_delay(case: Case) -> Case | None:
@@ -93,6 +93,30 @@ def better_late(moved: tuple[Case, Diagnosis], late: tuple[Case, Diagnosis]) -> 
     delayed = any(one.effect.structure.delays for one in accepted)
     depends = late[1].left is not None and late[1].left.code == DEPENDENCE.code
     return late if delayed and shown <= names and not depends else moved
+
+
+def not_ahead(found: tuple[Case, Diagnosis]) -> Case | None:
+    """Return the case with the drive signal as late as a delay says that was named because it is ahead; None if none.
+
+    A command is ahead of what acts by the lag of a current loop of which nothing is known. Unless the log states that
+    its drive signal is no command, that is how it was sampled, and no effect. A current loop is not a delay alone: what
+    it leaves beside one has a name only where it had that beside the delay as well.
+
+    Parameters
+    ----------
+    found : (Case, Diagnosis)
+    """
+    case, fit = found[0], found[1].selection.fit
+    if case.record.sampling_stated or case.record.age is not None or case.anew is None or case.believed is None:
+        return None
+    delays = [number for number, one in enumerate(fit.accepted) if one.effect.structure.delays]
+    places = [place for number in delays if (place := fit.position(number)) is not None]
+    ahead = -sum(float(fit.estimate.values[fit.model.columns_of(place).start]) for place in places)
+    if ahead <= 0.0:
+        return None
+    ahead -= min(case.record.timing.late, 0.0)
+    later: Case = case.anew(made=replace(Made.kept(case.believed.log), ahead=ahead), first=case)
+    return replace(later, shown=frozenset(one.effect.id for one in fit.accepted if not one.effect.structure.delays))
 
 
 def _with(case: Case, delay: Effect) -> Design:

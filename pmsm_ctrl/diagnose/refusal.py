@@ -37,6 +37,7 @@ class Reason(StrEnum):
     NOT_DETERMINED = "not_determined"
     WITHIN_SAMPLING = "within_sampling"
     LIKE_FILTER = "like_filter"
+    LIKE_COMMAND = "like_command"
     OTHER_BAND = "other_band"
     OTHER_ABOVE = "other_above"
     FAST_TORQUE = "fast_torque"
@@ -87,6 +88,7 @@ WORDS: Mapping[Reason, str] = {
     "{high:.2g} ms are possible",
     Reason.LIKE_FILTER: "not distinguishable from a filter that makes the drive signal {value:.2g} ms late; state "
     "which it is as filter or late in [log]",
+    Reason.LIKE_COMMAND: "not distinguishable from what a slow current loop makes of a command beside a delay",
     Reason.OTHER_BAND: "rejected: of another size in half the band, {percent:.0f} % of that in the whole",
     Reason.OTHER_ABOVE: "rejected: of another size above the band, {percent:.0f} % of that in it",
     Reason.FAST_TORQUE: "rejected: without the part of the measured torque that is faster than the band it would be of "

@@ -21,7 +21,7 @@ from pmsm_ctrl.diagnose.result import Deviation, Verdict
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
 from pmsm_ctrl.regression.filters import low_pass
-from pmsm_ctrl.regression.notices import DRIVE_LATE
+from pmsm_ctrl.regression.notices import timing_notice
 from pmsm_ctrl.regression.saturated import FEWEST_DIRECTIONS, SAMPLES_PER_DIRECTION
 from pmsm_ctrl.section import Notice
 
@@ -144,7 +144,7 @@ def open_questions(
     if fit.record.turning > policy.refused_share:
         yield notices.TURNS_TOO_OFTEN(percent=100.0 * fit.record.turning)
     if not fit.record.timing.sure:
-        yield DRIVE_LATE(quantity=fit.record.drive, delay=1e3 * fit.record.timing.delay)
+        yield timing_notice(fit.record.timing, fit.record.drive)
     for deviation in deviations:
         if deviation.outside and deviation.parameter != "K_t":  # J, psi_f: a wrong K_t alone only scales
             percent = 100.0 * (deviation.estimate / deviation.nominal - 1.0)

@@ -446,15 +446,17 @@ def _made(
         design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
         np.array(levels), kink[0], (*few, *_too_long(given, log), *_assumed_i_d(given, channels), *notes),
         None if "theta" in log else age, "theta" in log, delayed=late, timing=timing,
-        **_sampled(design, given), unseen=time_in_gaps(log), records=log.records, wrong=wrong, edges=edges,
+        **_sampled(design, given, timing), unseen=time_in_gaps(log), records=log.records, wrong=wrong, edges=edges,
         step=resolution, weighing=weighing, turning=turning,
         rough=rough_acceleration(resolution, given.rate, prepared.cutoff),
     )  # fmt: skip
 
 
-def _sampled(design: Design, log: Log) -> dict[str, Any]:
+def _sampled(design: Design, log: Log, timing: DriveTiming) -> dict[str, Any]:
     """Return what a record says of how its drive signal may have been sampled beside the motion."""
     sampling, early = possible_sampling(design, log)
+    if timing.late < -early:  # the command of a slow current loop, which may be as far ahead
+        early -= timing.late
     stated = drive_sampling(design, log)
     commanded = stated.sampling == "command"
     return {"sampling": sampling, "early": early, "commanded": commanded, "sampling_stated": stated.stated}

@@ -31,12 +31,15 @@ class Made:
         What is added to the angle of each of several records, and its standard error, rad; empty as long as nothing is.
     commanded : list of bool
         Whether the drive signal showed itself as a command in the usual band; empty as long as nobody looked.
+    ahead : float
+        By how much the drive signal is known to be ahead of what acts, s; 0 where nothing is.
     """
 
     log: Log
     records: Memo | None = field(default=None, repr=False)
     zeros: list[tuple[float, float]] = field(default_factory=list)
     commanded: list[bool] = field(default_factory=list)
+    ahead: float = 0.0
 
     @classmethod
     def kept(cls, log: Log) -> Made:

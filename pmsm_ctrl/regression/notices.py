@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pmsm_ctrl.regression.drive_timing import DriveTiming
-from pmsm_ctrl.section import Template
+from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
     "ASSUMED_I_D",
@@ -11,6 +11,7 @@ __all__ = [
     "CHANNEL_LEFT_OUT",
     "COARSE_ANGLE",
     "DEAD_VOLTAGES",
+    "DRIVE_AHEAD",
     "DRIVE_COMMANDED",
     "DRIVE_FILTERED",
     "DRIVE_LATE",
@@ -30,6 +31,7 @@ __all__ = [
     "TORQUE_JUMPS",
     "WORSE_THAN_GIVEN",
     "sampling_text",
+    "timing_notice",
 ]  # fmt: skip
 
 CHANNEL_LEFT_OUT = Template(
@@ -81,6 +83,12 @@ DRIVE_LATE = Template(
     "the {quantity} is {delay:.2g} ms late, more than sampling can make it: this log does not tell a filter (assumed "
     "here, and corrected) from a delay; state which it is as filter or late in [log]",
 )
+DRIVE_AHEAD = Template(
+    "drive_signal_ahead",
+    "the {quantity} is {ahead:.2g} ms ahead of what acts, more than sampling can make it: this log does not tell the "
+    "command of a slow current loop (assumed here, and corrected) from a delay of the motion; state which it is in "
+    "[log]",
+)
 EQUAL_STEPS = Template(
     "equal_steps",
     "time stamps jitter by up to {jitter:.1f} % of a period, the motion does not: equal sampling intervals are used",
@@ -124,6 +132,23 @@ WORSE_THAN_GIVEN = Template(
     "the torque error is {percent:.3g} % with the fitted parameters and {given:.3g} % with those of the given design: "
     "the design is left unchanged",
 )
+
+
+def timing_notice(timing: DriveTiming, quantity: str) -> Notice:
+    """Return what was undone of the drive signal, and that the log does not tell it from a delay where it does not.
+
+    Parameters
+    ----------
+    timing : DriveTiming
+        With a filter, or not sure.
+    quantity : str
+        The word for what drives the axis: torque or force.
+    """
+    if timing.sure:
+        return DRIVE_FILTERED(quantity=quantity, lag=1e3 * timing.lag)
+    if timing.delay < 0.0:
+        return DRIVE_AHEAD(quantity=quantity, ahead=-1e3 * timing.delay)
+    return DRIVE_LATE(quantity=quantity, delay=1e3 * timing.delay)
 
 
 def sampling_text(timing: DriveTiming, quantity: str) -> str | None:

@@ -49,12 +49,11 @@ from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.model import FIXED, MOST_NOISE, noise_share
 from pmsm_ctrl.regression.notices import (
     DRIVE_COMMANDED,
-    DRIVE_FILTERED,
-    DRIVE_LATE,
     ENCODER_LINES,
     RESOLVER_ERROR,
     SHOWN_MS,
     TORQUE_EDGES,
+    timing_notice,
 )
 from pmsm_ctrl.regression.one_axis import of_one_axis
 from pmsm_ctrl.regression.sampling_terms import FILTERED
@@ -180,6 +179,9 @@ def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Recor
         record = made.record(design, Processing(standstill=STANDSTILL, cutoff=band))
         fit = base_fit(design, record)
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
+    if made.ahead > 0.0:
+        ahead = DriveTiming(-made.ahead, sure=False)
+        return stepped_at_reversals(design, made, *_behind(design, made, same, ahead))
     if record.age is not None:
         record, fit = _behind_speed_filter(design, made, record, fit)
     for _ in range(ROUNDS_OF_SPEED if record.age is not None else 0):
@@ -390,12 +392,9 @@ def _with_lines(record: Record, fit: Estimated, sure: Array) -> Record:
 
 def _with_filter_said(record: Record) -> Record:
     """Return the record with a notice of the filter that was found and undone; one that is stated needs none."""
-    if record.sampling_stated or 1e3 * record.timing.lag < SHOWN_MS:
+    if record.sampling_stated or 1e3 * max(record.timing.lag, -record.timing.delay) < SHOWN_MS:
         return record
-    said = DRIVE_FILTERED(quantity=record.drive, lag=1e3 * record.timing.lag)
-    if not record.timing.sure:
-        said = DRIVE_LATE(quantity=record.drive, delay=1e3 * record.timing.delay)
-    return replace(record, notes=(*record.notes, said))
+    return replace(record, notes=(*record.notes, timing_notice(record.timing, record.drive)))
 
 
 def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:
