@@ -18,6 +18,7 @@ from pmsm_ctrl.effects.structures.interface import (
     Structure,
     drive_path,
     kernel_call,
+    observed_path,
 )
 from pmsm_ctrl.errors import DesignError
 
@@ -173,7 +174,7 @@ class Transmission(Structure):
         its antiresonance. At a constant speed any wave of a turn is a single frequency, which a spring that resonates
         there would explain.
         """
-        path = drive_path(balances)
+        path = [*drive_path(balances), *observed_path(balances)]
         if balances.linear:
             return path
         s, p = balances.signals, balances.design.motor.p or 1
