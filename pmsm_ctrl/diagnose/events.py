@@ -12,6 +12,7 @@ from pmsm_ctrl.diagnose.event import Event
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.level import level_of
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.effects.structures.interface import observed_path
 from pmsm_ctrl.evidence.events import Burst, Search, Shift, basis_of, bursts, explained_by, shift
 from pmsm_ctrl.regression.balances import Record
 
@@ -112,6 +113,7 @@ def _motion(fit: Fitted, merged: _Merged) -> Array:
         rows = trial.group.rows[0]
         if rows is not None and not TIME.intersection(trial.candidate.effect.signals):
             columns.append(merged(rows))
+    columns += [merged(record.shaped(one["torque"])[None]) for one in observed_path(record)]
     direction = np.sign(record.at_grid(record.signals["omega"]))
     # friction may hang on the load
     for x, count, way in (

@@ -199,11 +199,6 @@ class Record:
     kept: Memo = field(default_factory=dict, repr=False)
 
     @property
-    def smeared(self) -> float:
-        """Longest time by which a channel was late, ahead or filtered before that was undone, s."""
-        return max(abs(one.late) + one.lag for one in (self.timing, self.age or UNDELAYED))
-
-    @property
     def age_elsewhere(self) -> DriveTiming | None:
         """How old a speed is in another log of the same drive; it counts only where that has no position."""
         return UNDELAYED if self.angle else self.age

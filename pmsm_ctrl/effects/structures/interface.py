@@ -44,16 +44,14 @@ def drive_path(balances: Balances) -> list[dict[str, Array]]:
     """Return what lies between the logged drive signal and the torque, shape (n,) each, as large as it may be.
 
     Channels that are late, averaged or filtered, by a time tau, and a current loop, make a response that is smooth in
-    the frequency: a Taylor series in s tau, of the torque and of what accelerates the axis. What was undone is known by
-    its first two moments, and as large in the others as it was itself.
+    the frequency: a Taylor series in s tau, of the torque and of what accelerates the axis.
 
     Parameters
     ----------
     balances : Balances
     """
     s, design = balances.signals, balances.design
-    loop = design.drive.speed_period if design.motor.electrical else 0.0
-    tau = max(balances.period, loop, balances.smeared)
+    tau = max(balances.period, design.drive.speed_period if design.motor.electrical else 0.0)
     columns: list[Array] = []
     for start, order in ((s["torque"], 2), (design.J * s["alpha"], HIGHEST_SLOPE)):
         slope = start

@@ -71,10 +71,6 @@ class Balances(Protocol):
         """Delay about which the column of a delay is taken, s; None while the terms read measured currents."""
 
     @property
-    def smeared(self) -> float:
-        """Longest time by which a channel was late, ahead or filtered before that was undone, s."""
-
-    @property
     def period(self) -> float:
         """Sampling period of the log, s."""
 
