@@ -128,7 +128,9 @@ def _record(design: Design, log: Log, channel: str) -> Record:
         error = reference - speed
         read = [error]
     acceleration = channels.get("alpha_ref", np.gradient(reference, log.t))
-    columns = np.column_stack([*read, np.cumsum(error) * period, reference, acceleration])
+    # a current loop is late by tau di/dt, as much as a whole Coulomb friction where the acceleration steps
+    lag = [] if channel == "i_q_ref" else [np.gradient(current, log.t)]
+    columns = np.column_stack([*read, np.cumsum(error) * period, reference, acceleration, *lag])
     limit = design.drive.i_max
     used = np.abs(current) < policy.LIMIT * limit if math.isfinite(limit) else np.ones(len(current), dtype=bool)
     if not used.sum() > 100:
