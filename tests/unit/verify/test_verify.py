@@ -211,3 +211,52 @@ def test_a_real_drive_that_was_not_changed(designs: Path, measured: Callable[[st
     assert found.verdict.value == "not_applied"
     assert found.explained > 0.999
     assert found.interval[0] < 0.0 < found.interval[1]
+
+
+def of_another_drive(seed: int, gain: float) -> Log:
+    """Return the log of a position cascade at 4 kHz with hard ramps; its current lags by 0.4 ms.
+
+    The feedforward is `gain` times the dry friction of 0.11 N m, over 0.2 rad/s; K_t is 0.424 N m/A.
+    """
+    J, F_c, F_v, K_t, T, steps = 6.5e-4, 0.11, 6e-4, 0.424, 2.5e-4, 5
+    rng, motion = np.random.default_rng(seed), np.random.default_rng(1)
+    t = np.arange(40_000) * T
+    wanted, speed = 0.0, np.zeros(len(t))
+    for k in range(1, len(t)):
+        if k % 3000 == 0:
+            wanted, rate = motion.choice([1.0, 5.0, 25.0, 60.0]) * motion.choice([-1, 1]), motion.choice([800, 2500])
+        speed[k] = speed[k - 1] + (np.clip(wanted - speed[k - 1], -rate * T, rate * T) if k >= 3000 else 0.0)
+    speed = np.convolve(speed, np.ones(32) / 32, "same")
+    place = np.cumsum(speed) * T
+    theta = omega = seen = current = integral = last = 0.0
+    rows = np.zeros((len(t), 3))
+    for k in range(len(t)):
+        seen += 0.3 * ((theta - last) / T - seen)
+        last = theta
+        rows[k] = theta, seen, current
+        error = speed[k] + 30.0 * (place[k] - theta) - seen
+        integral += 30.0 * error * T
+        asked = 0.6 * error + integral + gain * F_c / K_t * np.tanh(speed[k] / 0.2)
+        for _ in range(steps):
+            h = T / steps
+            current += (asked - current) * h / 0.4e-3
+            free = omega + h / J * (K_t * current - F_v * omega)
+            omega = float(np.sign(free) * max(abs(free) - h / J * F_c, 0.0))
+            theta += h * omega
+    theta, omega, current = rows[::4].T
+    noisy = current + 0.01 * rng.standard_normal(len(current))
+    asked = {"theta_ref": place[::4], "omega_ref": speed[::4]}
+    return Log({"t": t[::4], "theta": theta, "omega": omega, "i_q": noisy, **asked})
+
+
+@pytest.mark.parametrize("gain", [1.0, slow(0.5)])
+def test_the_lag_of_a_current_loop_is_no_feedforward(gain: float) -> None:
+    """Where the acceleration steps the current lacks more than the whole dry friction: a gain of 1.35 was found."""
+    given = Design.from_toml(
+        "name = 'axis'\n[motor]\nJ = 6.5e-4\nK_t = 0.424\n[[effects]]\nid = 'coulomb'\nF_c = 0.11\n"
+        "[compensation]\neffects = ['coulomb']\nsource = 'reference'\ngain = 1.0\n"
+    )
+    found = verify(given, of_another_drive(1, 0.0), of_another_drive(2, gain))
+    assert found.gain.value == pytest.approx(gain, abs=0.05)
+    assert found.interval[0] < gain < found.interval[1]
+    assert abs(found.before_gain.value) < 0.05
