@@ -82,4 +82,8 @@ def spread_sentence(spreads: Sequence[RecordSpread]) -> str | None:
     for one in spreads:
         share = f" ({percent(one.relative)})" if one.relative is not None else ""
         parts.append(f"{SYMBOLS[one.symbol]} {with_prefix(one.value, one.unit)}{share}")
-    return f"Standard deviation between records: {', '.join(parts)}." if parts else None
+    said = f"Standard deviation between records: {', '.join(parts)}"
+    first = spreads[0] if spreads else None
+    if first is None:
+        return None
+    return f"{said}. Of the first {with_prefix(first.assumed, first.unit)} are assumed beforehand, as one more record."

@@ -13,7 +13,7 @@ from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression import notices
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.model import Solved
-from pmsm_ctrl.regression.records import LEVELS, members
+from pmsm_ctrl.regression.records import LEVELS, members, usual_spread
 from pmsm_ctrl.regression.spread import Levels, disagreement, levels_of
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
@@ -96,12 +96,15 @@ class RecordSpread:
     unit : str
     relative : float or None
         As a share of the mean; None where there is none to be compared with.
+    assumed : float
+        What is assumed before the records speak, in `unit`; it counts as one more record.
     """
 
     symbol: str
     value: float
     unit: str
     relative: float | None = None
+    assumed: float = 0.0
 
 
 def own_rows(
@@ -194,12 +197,13 @@ def record_spreads(record: Record, fit: Solved) -> tuple[RecordSpread, ...]:
         return ()
     from pmsm_ctrl.regression.spread import spreads
 
-    values = dict(zip(fit.model.names, fit.values.tolist(), strict=True))
+    values, assumed = dict(zip(fit.model.names, fit.values.tolist(), strict=True)), usual_spread(record)
     out = []
     for symbol, spread in spreads(fit.model, count).items():
         mean = values.get(MEANS.get(symbol, ""), 0.0)
         relative = abs(spread / mean) if mean else None
-        out.append(RecordSpread(symbol, spread, axis_unit(UNITS[symbol], record.prepared.motion), relative))
+        unit = axis_unit(UNITS[symbol], record.prepared.motion)
+        out.append(RecordSpread(symbol, spread, unit, relative, assumed[symbol]))
     return tuple(out)
 
 
@@ -214,6 +218,10 @@ def record_notices(rows: Iterable[RecordResult]) -> Iterator[Notice]:
     odd: Sequence[RecordResult] = sorted((row for row in every if row.disagrees), key=lambda row: row.p_value)
     if odd:
         yield notices.RECORD_DISAGREES(records=", ".join(row.name for row in odd), p=odd[0].p_value)
-    turned = [row.name for row in every if row.angle is not None and row.angle.value != 0.0]
+    turned = [
+        f"{row.name} (by {row.angle.value:.2g} {row.angle.unit})"
+        for row in every
+        if row.angle is not None and row.angle.value != 0.0
+    ]
     if turned:
         yield notices.OTHER_ZERO(records=", ".join(turned))
