@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -27,6 +27,7 @@ from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.model import LOAD_SCALE
+from pmsm_ctrl.regression.notices import ENCODER_LINES, RESOLVER_ERROR
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.regression.record_result import (
     RecordResult,
@@ -80,7 +81,7 @@ def outcome(
         *record_notices(records),
         *case.remarks,
         *(event.notice for event in case.events),
-        *notices.of_log((*case.record.notes, *final.notes)),
+        *notices.of_log((*_without_false_lines(case.record.notes, final, policy), *final.notes)),
         *deviation_notices(deviations, final, policy),
         *([blind] if blind is not None else []),
         *(notices.EFFECT_NOT_EXCITED(effect=name, why=str(why)) for name, why in hidden.items()),
@@ -139,6 +140,21 @@ def record_rows(case: Case, first: Fitted, last: Fitted) -> tuple[RecordResult, 
             )
         )  # fmt: skip
     return tuple(rows)
+
+
+def _without_false_lines(notes: Iterable[Notice], final: Fitted, policy: Policy) -> Iterator[Notice]:
+    """Yield what was said of a log but an error of the angle that the final model has no use for.
+
+    The log was conditioned without the effects that were found, and what they leave resembles lines of an encoder.
+    """
+    sizes = np.abs(final.plain.values) / np.maximum(final.plain.stderr, 1e-300)
+    size = dict(zip(final.model.names, sizes.tolist(), strict=True))
+    for note in notes:
+        symbol = {ENCODER_LINES.code: "lines", RESOLVER_ERROR.code: "order"}.get(note.code)
+        waves = () if symbol is None else (f"{wave} {note.detail[symbol]}" for wave in ("sin", "cos"))
+        found = [size[name] for name in waves if name in size]
+        if not found or max(found) > policy.sure_errors:
+            yield note
 
 
 def _limits(selection: Selection) -> Iterator[Notice]:
