@@ -43,6 +43,8 @@ UNITS = {
     "J": "kg m^2", "friction_slope": "N m s/rad", "delay": "s", "antiresonance": "Hz", "resonance": "Hz",
     "damping_ratio": "", "load_inertia": "kg m^2", "stiffness": "N m/rad", "damping": "N m s/rad",
 }  # fmt: skip
+# References of a motion: an excitation is added to the current, or swings about a speed.
+MOTIONS = ("theta_ref", "omega_ref")
 CLOSE = 3000  # frequencies at which a loop around the points is evaluated
 DRAWN = 800  # frequencies of a curve between the measured points
 MARGINS = {"phase_margin": "deg", "gain_margin_db": "dB", "crossover": "Hz", "sensitivity_peak": ""}
@@ -123,7 +125,7 @@ def _compared(
     estimates = _estimates(believed, axis, speed)
     measured = _measured_design(believed, axis)
     judged = _judged(believed, axis, estimates)
-    if (doubt := _unexcited(found, axis)) is not None:
+    if (doubt := _unexcited(found, axis, response.instrument)) is not None:
         # what differs from the design are values that are not to be taken
         found, judged, measured = [doubt, *found], [n for n in judged if n.code == words.MISFIT.code], design
     if unknown:
@@ -136,15 +138,19 @@ def _compared(
     )  # fmt: skip
 
 
-def _unexcited(found: list[Notice], axis: Axis) -> Notice | None:
+def _unexcited(found: list[Notice], axis: Axis, instrument: str) -> Notice | None:
     """Return why the fitted axis is not to be taken: without excitation friction and noise look like an axis."""
     codes = {notice.code for notice in found}
+    if instrument in MOTIONS and words.REVERSES.code in codes:
+        why = f"what {instrument} shows is a motion in which the axis reverses, where friction is not linear"
+        return words.NO_EXCITATION(why=why)
     if words.NO_REFERENCE.code not in codes:
         return None
+    unseen = "the log holds no excitation that a reference shows, and"
     if words.REVERSES.code in codes:
-        return words.NO_EXCITATION(why="the axis reverses, where friction is not linear")
+        return words.NO_EXCITATION(why=f"{unseen} the axis reverses, where friction is not linear")
     if axis.misfit > policy.MISFIT:
-        return words.NO_EXCITATION(why=f"the residual of the fitted axis is {axis.misfit:.2g} times the noise")
+        return words.NO_EXCITATION(why=f"{unseen} the residual of the fitted axis is {axis.misfit:.2g} times the noise")
     return None
 
 

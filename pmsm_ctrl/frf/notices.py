@@ -22,9 +22,8 @@ NO_REFERENCE = Template(
 )
 NO_EXCITATION = Template(
     NOT_TO_BE_TAKEN,
-    "the log holds no excitation that a reference shows, and {why}: inertia, delay and resonance of the fitted axis "
-    "are not to be taken; `simulate --scenario multisine` shows a motion that excites the axis; `identify` takes the "
-    "inertia from a log like this one",
+    "{why}: inertia, delay and resonance of the fitted axis are not to be taken; `simulate --scenario multisine` shows "
+    "a motion that excites the axis; `identify` takes the inertia from a log like this one",
 )
 NOISE_ANSWERED = Template(
     "frf_noise_answered",

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from pmsm_ctrl import simulate
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.effects.structures.interface import LINE_ERROR
 from pmsm_ctrl.log import Log
@@ -120,3 +124,13 @@ def test_a_wave_of_the_torque_is_no_error_of_a_resolver(design: Design, order: i
     wave = 0.01 * np.sin(order * log["theta"] + 1.1)
     torque = log["torque"] + wave * (10.0 * log["torque"] if modulated else 1.0)
     assert timed_record(design, log.with_channels(torque=torque)).lines == ()
+
+
+def test_lines_that_only_a_missing_effect_resembles_are_not_said(designs: Path) -> None:
+    """Beside the load that is missing nothing is left of the lines that this log seemed to show."""
+    axis = Design.read(designs / "seed_motor.toml")
+    log = simulate(axis, "reversal", truth=axis.with_effect("constant_load", {"T_0": 0.02}), seed=2)
+    found = diagnose(axis, log, candidates=["constant_load", "stribeck", "cogging"], plan=False)
+    assert [step.effect for step in found.steps] == ["constant_load"]
+    assert found.record.lines  # they stay nuisances of the fit
+    assert "encoder_lines" not in {notice.code for notice in found.notices}
