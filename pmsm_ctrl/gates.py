@@ -56,15 +56,29 @@ class FailOnOutcome(StrEnum):
 
 
 def _share(text: str) -> float:
-    """Read ``3%`` or ``0.03``."""
+    """Read ``3%`` or ``0.03``; a bare 3 would be 300 %, a limit that no model exceeds."""
     percent = text.strip().endswith("%")
     try:
         value = float(text.strip().rstrip("%"))
     except ValueError:
         value = -1.0
-    if not value > 0.0:
+    if not 0.0 < value < float("inf"):
         raise typer.BadParameter(f"'{text}': a share of the measured torque was expected, such as 3% or 0.03")
+    if not percent and value >= 1.0:
+        raise typer.BadParameter(
+            f"'{text}': a share below 1 was expected, such as 0.03, or percent with its sign: {text.strip()}%"
+        )
     return 0.01 * value if percent else value
+
+
+def _of_compare(asked: list[FailOn] | None) -> list[FailOn] | None:
+    """Refuse what `compare` never answers: a check of it would never fail."""
+    if asked and FailOn.MISSING in asked:
+        raise typer.BadParameter(
+            "'missing': compare names no effects, and would never fail; accepted: "
+            f"{', '.join(one for one in FailOn if one is not FailOn.MISSING)}; diagnose takes missing"
+        )
+    return asked
 
 
 FailOnOption = Annotated[
@@ -76,8 +90,8 @@ ComparedOption = Annotated[
     typer.Option(
         "--fail-on",
         metavar="VERDICT",
-        help="exit status 1 for unexplained, implausible, inconclusive, any; may be repeated; missing is a verdict of "
-        "diagnose alone",
+        callback=_of_compare,
+        help="exit status 1 for unexplained, implausible, inconclusive, any; may be repeated",
     ),
 ]
 OutcomeOption = Annotated[

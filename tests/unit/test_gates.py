@@ -85,4 +85,14 @@ def test_on_the_command_line_json_goes_to_stdout_and_all_else_to_stderr(
     assert float(found[1]) == pytest.approx(expected, rel=0.03)
     assert status("--max-error", "-3%") == 2
     assert "such as 3% or 0.03" in capsys.readouterr().err
+    for limit in ("3", "1", "inf", "nan"):  # 300 %: a check that never fails
+        assert status("--max-error", limit) == 2
+        assert "--max-error" in capsys.readouterr().err
+    assert status("--max-error", "3") == 2
+    assert "percent with its sign: 3%" in capsys.readouterr().err
+    assert status("--max-error", "300%") == 0
+    assert status("--fail-on", "any", "--fail-on", "missing") == 2
+    said_of_missing = capsys.readouterr().err
+    assert "accepted: unexplained, implausible, inconclusive, any; diagnose takes missing" in said_of_missing
+    assert said_of_missing.count("\n") == 1
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["axis.toml", "l.csv"]
