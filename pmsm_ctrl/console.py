@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
-from pmsm_ctrl.errors import CacheWarning, PmsmCtrlError, RequestError
+from pmsm_ctrl.errors import CacheWarning, NextCommand, PmsmCtrlError, RequestError
 from pmsm_ctrl.files import printable, require_writable, write_text
 
 if TYPE_CHECKING:
@@ -99,8 +99,7 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
         if isinstance(error, OSError) and error.filename is None and error.errno in FULL:
             status, message = BAD_INPUT, f"standard output: cannot be written ({error.strerror})"
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the rest fails at the end
-        if isinstance(error, PmsmCtrlError) and error.next_command is not None:
-            message += f"; next: {error.next_command.value}"
+        message += _following(error, words)
         if debug:
             import traceback
 
@@ -122,6 +121,16 @@ def _show_warning(
 
 def _terminate(signum: int, frame: Any) -> NoReturn:
     sys.exit(TERMINATED)
+
+
+def _following(error: BaseException, words: Sequence[str]) -> str:
+    """Return the command that follows an error; none where it is the one that has just failed."""
+    if not isinstance(error, PmsmCtrlError) or error.next_command is None:
+        return ""
+    importing = next((word for word in words if word not in ANYWHERE), "") == "import"
+    if importing and error.next_command in (NextCommand.IMPORT, NextCommand.PROPOSE):
+        return ""
+    return f"; next: {error.next_command.value}"
 
 
 def _explain(error: BaseException) -> tuple[int, str]:

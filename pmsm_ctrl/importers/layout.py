@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.errors import LogError, NextCommand
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.names import guess_channel, is_unit, split_header
 from pmsm_ctrl.importers.table import one_line
 from pmsm_ctrl.log import CHANNELS
@@ -29,6 +29,7 @@ __all__ = [
     "Stamps",
     "decimal_mark",
     "encoding_of",
+    "expected",
     "is_number",
     "opening",
     "pieces",
@@ -42,6 +43,7 @@ MAX_LINE = 1 << 24  # bytes; a file with longer lines is no table
 SEPARATORS = (";", "\t", ",", "|", " ")
 # Digits are never given back: a cell of 20,000 of them is refused in linear time.
 _NUMBER = re.compile(r"\s*+[+-]?(?:(\d++[.,]?\d*+|[.,]\d++)([eE][+-]?\d++)?|nan|inf|infinity)\s*+$", re.IGNORECASE)
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([.,' \xa0\u2019\u202f])\d{3})(?:\1\d{3})*+(?:(?!\1)[.,]\d++)?")
 _JUNK = re.compile(rb"[\x00-\x08\x0b\x0e-\x19\x1b-\x1f]")  # what no text holds
 
 
@@ -87,6 +89,8 @@ class Layout:
         What was guessed.
     stamps : Stamps or None
         The column that gives the time as dates.
+    end_line : int
+        Line number at which text follows the last row of numbers; 0 where none does.
     """
 
     encoding: str
@@ -100,6 +104,7 @@ class Layout:
     ragged: bool = False
     notes: tuple[str, ...] = ()
     stamps: Stamps | None = None
+    end_line: int = 0
 
     @property
     def accepts_comma(self) -> bool:
@@ -115,6 +120,13 @@ def separator_name(separator: str) -> str:
 def is_number(cell: str) -> bool:
     """Whether a cell holds one number, with a decimal point or a decimal comma."""
     return _NUMBER.match(cell.strip().strip('"')) is not None
+
+
+def expected(cell: str) -> str:
+    """Return what belongs in place of a cell that is no number."""
+    if _THOUSANDS.fullmatch(cell.strip().strip('"')):
+        return "a number without marks of thousands was expected; export the file without them"
+    return "a number was expected"
 
 
 def encoding_of(head: bytes, file: str) -> str:
@@ -371,8 +383,7 @@ def _refuse_text_above(rows: list[list[str]], first: int, above: tuple[list[str]
         if len(row) == len(rows[first]) and column is not None:
             name = split_header(rows[top][column])[0] if column < len(rows[top]) else f"#{column + 1}"
             place = f"line {i + 1}, column {column + 1} ('{name}')"
-            message = f"{file}: {one_line(place)}: '{one_line(row[column][:40])}' found; a number was expected"
-            raise LogError(message, next_command=NextCommand.IMPORT)
+            raise LogError(f"{file}: {one_line(place)}: '{one_line(row[column][:40])}' found; {expected(row[column])}")
         if any(row):
             raise LogError(f"{file}: line {i + 1}: {len(row)} cells found; {len(rows[first])} were expected")
 

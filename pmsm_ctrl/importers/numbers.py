@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from pmsm_ctrl.errors import LogError, NextCommand
-from pmsm_ctrl.importers.layout import Layout, pieces, split_line
+from pmsm_ctrl.importers.layout import Layout, expected, pieces, split_line
 from pmsm_ctrl.importers.stamps import dated
 from pmsm_ctrl.importers.table import Array, one_line
 
@@ -141,14 +141,22 @@ def parse_numpy(piece: bytes, layout: Layout, columns: Sequence[int]) -> list[li
 
 
 def _data_pieces(path: str | Path, layout: Layout) -> Iterator[bytes]:
-    """Yield the file from the first row of numbers on."""
+    """Yield the file from the first row of numbers to the last one."""
     skip = layout.first_line - 1
+    left = layout.end_line - layout.first_line  # rows and blank lines up to the text at the end
     for piece in pieces(path, layout.encoding, PIECE):
         start = 0
         while skip and start < len(piece):
             start = piece.find(b"\n", start) + 1 or len(piece)
             skip -= 1
-        yield piece[start:] if start else piece
+        rows = piece[start:] if start else piece
+        if layout.end_line:
+            count = rows.count(b"\n")
+            if count >= left:
+                yield b"\n".join(rows.split(b"\n", left)[:left])
+                return
+            left -= count
+        yield rows
 
 
 def _first_line(path: str | Path, layout: Layout, index: int) -> int:
@@ -200,7 +208,7 @@ def _fit(cells: list[str], width: int, file: str, layout: Layout, line: int) -> 
     if len(cells) < width and layout.ragged:
         return cells + [""] * (width - len(cells))
     if len(cells) != width:
-        what = f"{len(cells)} cells found; {width} were expected"
+        what = f"{len(cells)} cell{'' if len(cells) == 1 else 's'} found; {width} were expected"
         raise LogError(f"{file}: line {line}: {what}, as in line {layout.first_line}")
     return cells
 
@@ -218,8 +226,7 @@ def _cell(cell: str, file: str, layout: Layout, line: int, column: int) -> float
     except ValueError:
         name = one_line(layout.header[column][:60]) if column < len(layout.header) else f"#{column + 1}"
         place = f"{file}: line {line}, column {column + 1} ('{name}')"
-        message = f"{place}: '{one_line(cell[:40])}' found; a number was expected"
-        raise LogError(message, next_command=NextCommand.IMPORT) from None
+        raise LogError(f"{place}: '{one_line(cell[:40])}' found; {expected(text)}") from None
 
 
 def line_of_row(path: str | Path, layout: Layout, row: int) -> int:

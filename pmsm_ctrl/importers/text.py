@@ -10,6 +10,7 @@ from typing import Literal, cast
 import numpy as np
 
 from pmsm_ctrl.importers import twincat
+from pmsm_ctrl.importers.ending import without_ending
 from pmsm_ctrl.importers.header_rate import header_period
 from pmsm_ctrl.importers.layout import Layout, opening, place_header, separator_name
 from pmsm_ctrl.importers.names import guess_channel, split_header
@@ -45,6 +46,7 @@ def open_text(path: Path, file: str, separator: str | None = None, decimal: str 
             layout, kind = replace(layout, ragged=True), "CSV with repeated time columns"
     if decimal is not None:
         layout = replace(layout, decimal=cast(Decimal, decimal))
+    layout = without_ending(path, layout)
     table = _table(path, file, layout, columns, kind)
     return replace(table, header_period=header_period(lines[: layout.first_line - 1]))
 
@@ -80,6 +82,8 @@ def _table(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], k
         "decimal mark": mark,
         "first row of numbers": f"line {layout.first_line}",
     }
+    if layout.end_line:
+        facts["last row of numbers"] = f"before line {layout.end_line}"
     notes = [*layout.notes, *_text_note(layout.header, layout.text_columns)]
     if kind != "canonical CSV":
         notes.insert(0, f"read as {layout.encoding} text, separator {facts['separator']}, decimal {mark}")

@@ -502,6 +502,7 @@ def test_bad_requests_to_effects(
         (["identify", "LOG", "--design", "DESIGN"], "pmsm-ctrl import LOG proposes a mapping"),
         (["effects", "cogginf"], "pmsm-ctrl effects"),
         (["import", "LOG", "--map", "omega=nothing"], ""),
+        (["import", "LOG", "--map", "omega=drehzahl [parsec]"], ""),  # not the command that has just failed
     ],
 )
 def test_an_error_names_the_next_command(
