@@ -256,8 +256,20 @@ def opening(path: str | Path, file: str, separator: str | None = None) -> tuple[
     scores = {candidate: _score(tail, candidate) for candidate in candidates}
     best = max(candidates, key=lambda candidate: scores[candidate][0])
     if scores[best][0] <= 0 or scores[best][1] < 2:
+        if separator is not None:
+            _refuse_separator(tail, separator, file)
         best = next((s for s in candidates if len(split_line(filled[0], s)) > 1), best)
     return lines, encoding, best
+
+
+def _refuse_separator(tail: list[str], stated: str, file: str) -> None:
+    """Refuse a separator of [log] that yields no numbers where another one does."""
+    scores = {other: _score(tail, other) for other in SEPARATORS if other != stated}
+    other = max(scores, key=lambda one: scores[one][0])
+    if scores[other][0] > 0 and scores[other][1] > 1:
+        marks = f"the file has {other!r}, and a decimal {'comma' if decimal_mark(tail, other) == ',' else 'point'}"
+        message = f"{file}: not one row of numbers with the separator {stated!r} that [log] of the design states; "
+        raise LogError(f"{message}{marks}: correct separator and decimal there, or leave them out")
 
 
 def decimal_mark(lines: list[str], separator: str) -> str:
@@ -279,9 +291,8 @@ def place_header(lines: list[str], separator: str, encoding: str, file: str) -> 
     numbered = [row for row in rows if len(list(islice(filter(is_number, row), 2))) == 2]
     widths = Counter(map(len, numbered))
     if not widths:
-        count = sum(1 for row in rows if any(row))
         raise LogError(
-            f"{file}: line 1: no row of numbers below it (lines of text: {count}); "
+            f"{file}: line 1: no row of numbers below it, in {len(rows)} lines that were looked at; "
             "a header line and rows of numbers were expected"
         )
     width = widths.most_common(1)[0][0]

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers import read_log
+from pmsm_ctrl.importers import open_table, read_log
 
 RPM = 0.10471975511965977
 
@@ -184,6 +185,24 @@ def test_separators(tmp_path: Path, separator: str) -> None:
     text += "".join(separator.join([f"{0.5 * k}", f"{k}", f"-{k}e-1"]) + "\n" for k in range(6))
     log = read_log(write(tmp_path, text))
     assert log["i_q"].tolist() == [-k / 10 for k in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("stated", "own", "decimal"), [(";", ",", "."), (",", ";", ","), ("\t", ";", "."), ("|", " ", ".")]
+)
+def test_a_separator_of_the_design_that_does_not_fit_is_named(
+    tmp_path: Path, stated: str, own: str, decimal: str
+) -> None:
+    rows = [[f"{0.5 * k}", f"{k}.0", f"-{k}.25"] for k in range(9)]
+    lines = [own.join(["Time", "Position", "Iq"]), *(own.join(row).replace(".", decimal) for row in rows)]
+    (tmp_path / "log.csv").write_text("\n".join(["Trace export", *lines]) + "\n")
+    log = {"separator": stated, "decimal": ","}
+    design = Design.from_dict({"name": "axis", "motor": {"J": 1e-4, "K_t": 1.0}, "log": log})
+    mark = "comma" if decimal == "," else "point"
+    with pytest.raises(LogError) as caught:
+        open_table(tmp_path / "log.csv", design)
+    assert f"the separator {stated!r} that [log] of the design states" in str(caught.value)
+    assert f"the file has {own!r}, and a decimal {mark}: correct" in str(caught.value)
 
 
 def test_trailing_separators(tmp_path: Path) -> None:
