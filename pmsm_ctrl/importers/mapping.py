@@ -31,7 +31,7 @@ from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["FACTOR", "REQUIRED", "Assignment", "Source", "assign", "find_column", "of_this_file"]
+__all__ = ["FACTOR", "REQUIRED", "Assignment", "Source", "assign", "find_column", "of_this_file", "stated_factor"]
 
 FACTOR = re.compile(
     r"(?:(?P<factor>[-+]?\d++\.?\d*+(?:e[-+]?\d++)?)\s*+\*|(?P<minus>-))\s*+(?P<column>\S.*)", re.IGNORECASE
@@ -111,7 +111,7 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
             near, known = nearest(channel, CHANNELS), ", ".join(CHANNELS)
             raise LogError(f"{table.file}: [log] maps unknown channel '{one_line(channel)}'{near} (known: {known})")
     scales = dict(design.log.scale) if design is not None else {}
-    stated = {channel: _stated_factor(table, spec) for channel, spec in wanted.items()}
+    stated = {channel: stated_factor(table, spec) for channel, spec in wanted.items()}
     chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, (_, spec) in stated.items()}
     table_complete = design is not None and bool(design.log.channels)
     for channel, index, how in _unmapped(table, chosen, guess=not table_complete):
@@ -181,7 +181,7 @@ def _names(table: Table, channel: str, spec: str) -> bool:
     The columns of another file may have the same numbers, the name of another channel (a current as "torque"), or
     the same name and another unit: where every unit is SI, the package may have written the file, and is right.
     """
-    name, unit = split_header(one_line(_stated_factor(table, spec)[1]))
+    name, unit = split_header(one_line(stated_factor(table, spec)[1]))
     numbered = name.startswith("#") and name[1:].isdigit()
     own = any(column.name == channel for column in table.columns)
     SI = all(column.unit in CHANNELS[column.name][:2] for column in table.columns)
@@ -204,17 +204,26 @@ def _is_named(column: Column, name: str) -> bool:
 
 def _other_unit(table: Table, channel: str, spec: str) -> Notice | None:
     """Return the notice of an entry that names the channel's own column with another unit than the file."""
-    name, unit = split_header(one_line(_stated_factor(table, spec)[1]))
+    name, unit = split_header(one_line(stated_factor(table, spec)[1]))
     column = next((column for column in table.columns if column.name == channel and _is_named(column, name)), None)
     if column is None or is_clock(spec):
         return None
     return OTHER_UNIT(channel=channel, file=column.unit, design=unit, mapping=f"{channel}={one_line(spec)}")
 
 
-def _stated_factor(table: Table, spec: str) -> tuple[float, str]:
+def stated_factor(table: Table, spec: str) -> tuple[float, str]:
     """Return the factor of a mapping such as '-speed [rpm]' or '1.732 * Uq [V]', and the mapping without it.
 
     A column's own name may look like that as well, and comes first.
+
+    Parameters
+    ----------
+    table : Table
+    spec : str
+
+    Returns
+    -------
+    (float, str)
     """
     text = one_line(spec).strip()
     names = {name for column in table.columns for name in (column.header, column.name)}

@@ -33,4 +33,6 @@ def lines_from(source: str, mapping: Mapping[str, str]) -> Iterator[str]:
         from pmsm_ctrl.track.ads import ads_lines
 
         return ads_lines(source, mapping)
-    return lines_of(sys.stdin) if source == "-" else follow(source)
+    if source != "-":
+        return follow(source)
+    return lines_of(getattr(sys.stdin, "buffer", sys.stdin))

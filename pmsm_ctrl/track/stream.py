@@ -8,19 +8,25 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import TextIO
+from typing import IO, Any
 
+from pmsm_ctrl.design_parts import LogMap
 from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers.clock import is_clock
+from pmsm_ctrl.importers.mapping import find_column, stated_factor
 from pmsm_ctrl.importers.names import guess_channel, split_header, unit_of
+from pmsm_ctrl.importers.table import Column, Table
 from pmsm_ctrl.log import CHANNELS
 
-__all__ = ["IDLE", "REOPENED", "Header", "follow", "lines_of", "read_header"]
+__all__ = ["IDLE", "MISSING", "REOPENED", "Header", "decoded", "follow", "lines_of", "read_header"]
 
 POLL = 0.1  # s between two looks at a file
 SEPARATORS = (";", "\t", ",")
-# What a source says beside its lines: nothing came for a while; it was opened again.
-IDLE, REOPENED = "\x00idle", "\x00reopened"
+USED = ("t", "theta", "omega", "i_q", "i_d", "torque", "T_load")  # channels that a tracker takes
+# What a source says beside its lines: nothing came for a while; it is not there; it was opened again.
+IDLE, MISSING, REOPENED = "\x00idle", "\x00missing", "\x00reopened"
 
 
 class Header:
@@ -60,15 +66,19 @@ class Header:
         return out
 
 
-def read_header(line: str, mapping: Mapping[str, str] | None = None, motion: str = "rotary") -> Header | None:
+def read_header(
+    line: str, mapping: Mapping[str, str] | None = None, motion: str = "rotary", *, design: LogMap | None = None
+) -> Header | None:
     """Return the columns that a line of labels names; None for a line that is no header.
 
     Parameters
     ----------
     line : str
     mapping : dict of str to str, optional
-        Channel to column, ``speed [rpm]``.
+        Channel to column, ``speed [rpm]``; takes precedence over that of the design.
     motion : {"rotary", "linear"}
+    design : LogMap, optional
+        The [log] table of the design. What it states of columns that the stream does not have is left out.
 
     Returns
     -------
@@ -80,43 +90,94 @@ def read_header(line: str, mapping: Mapping[str, str] | None = None, motion: str
         When a mapped column is not there, or a unit does not belong to its channel.
     """
     separator = next((one for one in SEPARATORS if one in line), ",")
-    labels = [split_header(cell.strip().strip('"')) for cell in line.strip().split(separator)]
-    wanted = {split_header(column): channel for channel, column in (mapping or {}).items()}
-    by_name = {name: (channel, unit) for (name, unit), channel in wanted.items()}
-    columns: dict[str, tuple[int, float]] = {}
-    for k, (name, unit) in enumerate(labels):
-        channel, stated = by_name[name] if name in by_name else (guess_channel(name), "")
-        if channel is None or channel in columns:
-            continue
-        own = CHANNELS[channel][1 if motion == "linear" else 0]
-        found = unit_of(stated or unit) if (stated or unit) else (own, 1.0)
-        if found is None or found[0] != own:
-            raise LogError(f"column '{name} [{stated or unit}]': {own} or a unit that converts to it was expected")
-        columns[channel] = (k, found[1])
-    missing = [channel for channel in mapping or {} if channel not in columns]
-    if len(columns) < 2:
+    cells = [cell.strip().strip('"') for cell in line.strip().lstrip("\ufeff").split(separator)]
+    labels = tuple(Column(*split_header(cell), header=cell) for cell in cells)
+    table = Table("--map", "stream", labels, lambda _: [], lambda *_: "")
+    chosen = _mapped(table, design.channels if design is not None else {}, mapping or {})
+    stated, taken = {*chosen} - {*(mapping or {})}, {column for column, _, _ in chosen.values()}
+    for k, label in enumerate(labels):  # as in a file: where the design names the columns, no other name is guessed
+        channel = (label.name if label.name in CHANNELS else None) if stated else guess_channel(label.name)
+        if channel is not None and channel not in chosen and k not in taken:
+            chosen[channel] = (k, "", 1.0)
+    if len(chosen) < 2:
         return None
+    missing = [channel for channel in mapping or {} if channel not in chosen]
     if missing:
         raise LogError(f"--map: no column for {', '.join(missing)} (columns: {line.strip()})")
+    scale = design.scale if design is not None else {}
+    columns = {}
+    for channel, (k, unit, factor) in chosen.items():
+        if channel in USED:
+            own = CHANNELS[channel][1 if motion == "linear" else 0]
+            columns[channel] = (k, factor * scale.get(channel, 1.0) * _to_own(labels[k], unit, own, channel in scale))
     return Header(separator, columns)
 
 
-def lines_of(stream: TextIO | Iterable[str]) -> Iterator[str]:
+def _mapped(table: Table, stated: Mapping[str, str], given: Mapping[str, str]) -> dict[str, tuple[int, str, float]]:
+    """Return column, unit and factor of every channel that a mapping names and the header has.
+
+    A header with the package's own names is right about them, whatever the design states of the drive's files.
+    """
+    found = {}
+    canonical = all(column.name in CHANNELS and column.unit for column in table.columns)
+    for channel, spec in {**stated, **given}.items():
+        if channel not in CHANNELS or is_clock(spec):
+            continue
+        factor, name = stated_factor(table, spec)
+        with suppress(LogError):  # a column that is not there
+            column, unit = find_column(table, channel, name)
+            if channel in given or not canonical or table.columns[column].name == channel:
+                found[channel] = (column, unit, factor)
+    return found
+
+
+def _to_own(column: Column, stated: str, own: str, scaled: bool) -> float:
+    """Return the factor from the unit of a column to the channel's own; one where the design gives a scale alone."""
+    unit = stated or column.unit
+    found = unit_of(unit) if unit else (own, 1.0)
+    if scaled:
+        return 1.0 if found is None else found[1]
+    if found is None or found[0] != own:
+        raise LogError(f"column '{column.name} [{unit}]': {own} or a unit that converts to it was expected")
+    return found[1]
+
+
+def lines_of(stream: IO[Any] | Iterable[str]) -> Iterator[str]:
     """Yield the lines of a stream until it ends.
 
     Parameters
     ----------
-    stream : text stream or iterable of str
+    stream : stream or iterable of str
+        Of bytes as well: UTF-8, or Latin-1 where a line is none.
 
     Yields
     ------
     str
     """
-    yield from (line for line in stream if line.strip())
+    yield from (decoded(line) if isinstance(line, bytes) else line for line in stream if line.strip())
+
+
+def decoded(line: bytes) -> str:
+    """Return a line as text: UTF-8, or Latin-1 where it is none.
+
+    Parameters
+    ----------
+    line : bytes
+
+    Returns
+    -------
+    str
+    """
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
 
 
 def follow(path: str | os.PathLike[str], *, poll: float = POLL) -> Iterator[str]:
-    """Yield the lines of a growing file, for ever; `IDLE` where nothing came, `REOPENED` where the file is a new one.
+    """Yield the lines of a growing file, for ever.
+
+    `IDLE` stands where nothing came, `MISSING` where there is no file, `REOPENED` where the file is a new one.
 
     Parameters
     ----------
@@ -133,22 +194,22 @@ def follow(path: str | os.PathLike[str], *, poll: float = POLL) -> Iterator[str]
     target, known, first = Path(path), (-1, -1), True
     while True:
         try:
-            stream = open(target, encoding="utf-8", errors="replace", newline="")  # noqa: SIM115 - kept over yields
+            stream = open(target, "rb")  # noqa: SIM115 - kept over yields
         except FileNotFoundError:
-            yield IDLE
+            yield MISSING
             time.sleep(poll)
             continue
         with stream:
             if not first:
                 yield REOPENED
             first = False
-            rest = ""
+            rest = b""
             known = _identity(os.fstat(stream.fileno()))
             while True:
                 piece = stream.read(1 << 16)
                 if piece:
-                    *whole, rest = (rest + piece).split("\n")
-                    yield from (line for line in whole if line.strip())
+                    *whole, rest = (rest + piece).split(b"\n")
+                    yield from (decoded(line) for line in whole if line.strip())
                     continue
                 yield IDLE
                 if _replaced(target, known, stream.tell()):

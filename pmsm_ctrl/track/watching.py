@@ -25,7 +25,7 @@ from pmsm_ctrl.track.live import FrictionTracker, Reading
 from pmsm_ctrl.track.model import EVENTS, F_C, F_V, REJECTED, STANDSTILL, STATES
 from pmsm_ctrl.track.result import UNITS
 from pmsm_ctrl.track.settings import Settings, start
-from pmsm_ctrl.track.stream import IDLE, REOPENED, Header, read_header
+from pmsm_ctrl.track.stream import IDLE, MISSING, REOPENED, Header, read_header
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Watched", "watch"]
@@ -127,6 +127,7 @@ class _Watcher:
         self.alarms: list[Alarm] = []
         self.history: list[Reading] = []
         self.step, self.reading = 1, None
+        self.missing, self.unread = False, 0  # no file is there; lines above the first header
 
     reading: Reading | None
 
@@ -224,10 +225,21 @@ class _Watcher:
         if len(self.history) > MOST:
             self.history, self.step = self.history[::2], 2 * self.step
 
+    def _nothing(self, source: str) -> LogError:
+        """Return the error of a stream without a sample."""
+        if self.missing:
+            return LogError(f"{source}: no such file; one that grows was expected, and it did not appear")
+        if self.damaged:
+            return LogError(f"{source}: no sample came; lines below the header that hold none: {self.damaged}")
+        if self.unread:
+            what = "a line of names such as 't [s]', 'omega [rad/s]', 'i_q [A]' was expected before the numbers"
+            return LogError(f"{source}: no header in {self.unread} lines; {what}", next_command=NextCommand.MAP)
+        return LogError(f"{source}: no sample came", next_command=NextCommand.IMPORT)
+
     def result(self, source: str) -> Watched:
         self.begin()
         if self.tracker is None or self.reading is None:
-            raise LogError(f"{source}: no sample came", next_command=NextCommand.IMPORT)
+            raise self._nothing(source)
         state, P = self.tracker.state, self.tracker.P
         active = [name for name in ("F_c", "F_v", *self.tracker.settings.estimate) if name in UNITS]
         errors = {STATES[k]: math.sqrt(max(float(P[i, i]), 0.0)) for i, k in enumerate(self.tracker.settings.active)}
@@ -291,17 +303,19 @@ def watch(
     heard, due = time.monotonic(), -math.inf
     try:
         for line in lines:
-            if line == IDLE:
+            if line in (IDLE, MISSING):
+                watcher.missing = line == MISSING
                 if time.monotonic() - heard > patience:
                     break
                 continue
-            heard = time.monotonic()
+            heard, watcher.missing = time.monotonic(), False
             if line == REOPENED:
                 watcher.reconnects += 1
                 continue
             if (new := _header(line, mapping, design, header)) is not None:
                 header = new
                 continue
+            watcher.unread += header is None
             values = header.values(line) if header is not None else None
             if values is None or not math.isfinite(values["t"]):
                 watcher.damaged += header is not None
@@ -321,7 +335,7 @@ def _header(line: str, mapping: Mapping[str, str] | None, design: Design, known:
     """Return the header that a line is; a file that was opened again repeats it."""
     if known is not None and not LETTERS.search(line):
         return None
-    found = read_header(line, mapping, design.motion)
+    found = read_header(line, mapping, design.motion, design=design.log)
     if found is None:
         return None
     columns = found.columns

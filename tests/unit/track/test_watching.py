@@ -14,6 +14,7 @@ import pytest
 
 from pmsm_ctrl.cli import main
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.design_parts import LogMap
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
@@ -215,6 +216,53 @@ def test_headers(seed: Design) -> None:
     with pytest.raises(LogError, match="no sample came"):
         watch(seed, [IDLE], patience=-1.0)
     assert list(lines_of(io.StringIO("a\n\n b\n"))) == ["a\n", " b\n"]
+
+
+GERMAN = "Zeit [ms];Lageistwert [°];Istgeschwindigkeit [1/min];Lagesollwert [°];Iq_fbk [A rms]\r\n"
+
+
+def test_the_table_of_the_design_names_the_columns_of_a_stream(seed: Design) -> None:
+    log = LogMap(
+        channels={"t": "Zeit [ms]", "i_q": "-2 * Iq_fbk [A rms]", "omega": "#3 [1/min]", "torque": "none [N m]"},
+        scale={"omega": 0.5},
+    )
+    header = read_header(GERMAN, design=log)
+    assert header is not None
+    values = header.values("2,5;1,0;60,0;1,0;3,0\n")
+    expected = {"t": 0.0025, "omega": np.pi, "i_q": -6.0 * np.sqrt(2.0)}
+    assert values == {name: pytest.approx(value) for name, value in expected.items()}
+    for line in ("Kopfzeile 1;Wert 3\n", "# Messung Achse 7, Zeile 0\n"):
+        assert read_header(line, design=log) is None
+    over = read_header(GERMAN, {"i_q": "Iq_fbk [A]"}, design=log)
+    assert over is not None
+    assert over.columns["i_q"] == (4, 1.0)
+    own = read_header("t [s],theta [rad],i_q [A]\n", design=log)  # a log of the package
+    assert own is not None
+    assert set(own.columns) == {"t", "theta", "i_q"}
+    assert read_header("t [ms];theta [deg];i_q [A];Lagesollwert [?]\n") is not None  # a column that nothing takes
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+def test_a_file_in_the_encoding_of_a_drive(tmp_path: Path, seed: Design, encoding: str) -> None:
+    path = tmp_path / "log.csv"
+    rows = (f"{k},0;{k % 90},0;0,0;0,0;0,5\r\n" for k in range(300))
+    path.write_bytes("".join(["Müller;Zeile 3\r\n", GERMAN, *rows]).encode(encoding))
+    channels = {"t": "Zeit [ms]", "theta": "Lageistwert [°]", "i_q": "Iq_fbk [A rms]"}
+    design = seed.model_copy(update={"log": LogMap(channels=channels)})
+    found = watch(design, follow(path, poll=0.01), patience=0.05)
+    assert (found.samples, found.damaged) == (300, 0)
+    with open(path, "rb") as stream:
+        assert watch(design, lines_of(stream)).samples == 300
+
+
+def test_a_stream_without_samples_says_why(tmp_path: Path, seed: Design) -> None:
+    missing = str(tmp_path / "nowhere.csv")
+    with pytest.raises(LogError, match=r"nowhere\.csv: no such file; one that grows was expected"):
+        watch(seed, follow(missing, poll=0.01), source=missing, patience=0.03)
+    with pytest.raises(LogError, match="x: no header in 2 lines; a line of names"):
+        watch(seed, ["Kopfzeile 1;Wert 3\n", "0,0;1,0;2,0\n"], source="x")
+    with pytest.raises(LogError, match="lines below the header that hold none: 1"):
+        watch(seed, ["t [s],theta [rad],i_q [A]\n", "0.0,x,1.0\n"])
 
 
 def test_the_command(
