@@ -139,8 +139,8 @@ class Design(Part):
             When the motor's inertia is unknown.
         """
         if self.motor.J is None:
-            where = f"{self.source or self.name}: " if self.source or self.name else ""
-            raise DesignError(f"{where}motor.J is unknown; a number was expected", next_command=NextCommand.INERTIA)
+            message = f"{self.source or self.name or 'design'}: motor.J is unknown; a number was expected"
+            raise DesignError(message, next_command=NextCommand.INERTIA)
         return self.motor.J + self.load.at_motor
 
     @property
@@ -196,7 +196,8 @@ class Design(Part):
             When the design has none.
         """
         if self.loops is None:
-            raise DesignError(f"{self.source or self.name}: loops: missing", next_command=NextCommand.TUNE)
+            following = NextCommand.TUNE if self.motor.electrical else NextCommand.LOOPS
+            raise DesignError(f"{self.source or self.name}: loops: missing", next_command=following)
         return self.loops
 
     def parameters(self, effect: str) -> dict[str, float]:
@@ -340,9 +341,7 @@ class Design(Part):
     def to_dict(self) -> dict[str, Any]:
         """Return the design as plain SI values, fit for TOML; defaults are left out."""
         data = self.model_dump(mode="python", exclude_none=True, exclude_defaults=True)
-        data["motor"] = self.motor.model_dump(exclude_none=True)
-        if self.motor.J is None:
-            data["motor"] = {"J": "unknown", **data["motor"]}
+        data["motor"] = ({"J": "unknown"} if self.motor.J is None else {}) | self.motor.model_dump(exclude_none=True)
         if self.effects:
             data["effects"] = [
                 {"id": e.id, **e.parameters} | ({"stderr": dict(e.stderr)} if e.stderr else {}) for e in self.effects

@@ -19,6 +19,7 @@ class NextCommand(Enum):
     ELECTRICAL_DATA = "pmsm-ctrl init asks for the electrical data"
     INERTIA = "pmsm-ctrl identify LOG --design DESIGN --output NEW_DESIGN finds it"
     TUNE = "pmsm-ctrl tune DESIGN --output NEW_DESIGN"
+    LOOPS = "K_p and T_n of the drive in [loops.current] and [loops.speed], by hand: tune needs the electrical data"
     MAP = "--map CHANNEL='COLUMN [UNIT]' names its column"
     IMPORT = "pmsm-ctrl import LOG"
     PROPOSE = "pmsm-ctrl import LOG proposes a mapping"

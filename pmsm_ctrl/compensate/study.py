@@ -21,6 +21,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.simulate.feedforward import Feedforward, require_present
+from pmsm_ctrl.simulate.parameters import Plant
 
 if TYPE_CHECKING:
     from pmsm_ctrl.tune.observer import ObserverDesign
@@ -95,8 +96,9 @@ def compensate(
     Raises
     ------
     DesignError
-        When the design has no loops, no position gain, or no friction to compensate.
+        When the drive cannot be simulated, or the design has no loops, no position gain, or no friction to compensate.
     """
+    Plant.of(design)  # a plain axis is refused here: to write its loops would not help
     if design.effects:
         require_present(design)
     base, advance = baseline(design), progress or (lambda share: None)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import DesignError
+from pmsm_ctrl.errors import DesignError, NextCommand
 from pmsm_ctrl.sampling import smoothing, speed_lag, time_constant
 from pmsm_ctrl.units import psi_f_from
 
@@ -84,7 +84,8 @@ class Plant:
         if motor.R is None or motor.L_d is None or motor.L_q is None or motor.p is None or motor.psi_f is None:
             raise DesignError(
                 f"{design.source or design.name}: motor: the drive is simulated from p, psi_f, R, L_d and L_q; "
-                "this design knows only K_t"
+                "this design knows only K_t",
+                next_command=NextCommand.ELECTRICAL_DATA,
             )
         return cls(
             motor.R, motor.L_d, motor.L_q, motor.p, motor.psi_f, design.J, design.drive.u_dc,

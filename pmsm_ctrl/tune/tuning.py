@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.design import CurrentLoop, Design, Filter, Loops, SpeedLoop
-from pmsm_ctrl.errors import DesignError, RequestError
+from pmsm_ctrl.errors import DesignError, NextCommand, RequestError
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune import current as current_methods
 from pmsm_ctrl.tune import position
@@ -222,7 +222,8 @@ def _speed(design: Design, at: float | None) -> float:
     if not design.motor.electrical:
         raise DesignError(
             f"{design.source or design.name}: motor: the loops are tuned from p, psi_f, R, L_d and L_q; this design "
-            "knows only K_t"
+            "knows only K_t",
+            next_command=NextCommand.ELECTRICAL_DATA,
         )
     Plant.of(design)
     return default_speed(design) if at is None else at

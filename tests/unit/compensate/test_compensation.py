@@ -31,7 +31,7 @@ from pmsm_ctrl.compensate.study import SOURCES, with_bandwidth
 from pmsm_ctrl.compensate.window import sweep_gains
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.effects import lookup
-from pmsm_ctrl.errors import DesignError, LogError
+from pmsm_ctrl.errors import DesignError, LogError, NextCommand
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.report import headline_of
 from pmsm_ctrl.section import Table
@@ -363,6 +363,20 @@ def test_what_cannot_be_compensated_is_told(design: Design) -> None:
         compensate(design.replace_effects(()))
     assert compensation_lines(()) == []
     assert compensation_lines((lookup("coulomb"),))[-1] == "wanted += i_q_add"
+
+
+def test_no_error_of_a_plain_axis_leads_to_a_command_that_refuses_it(designs: Path) -> None:
+    """`compensate` asked for loops, and `tune` refused; with loops by hand it ended in an AssertionError."""
+    plain = Design.read(designs / "emps.toml")
+    loops = Design.read(designs / "seed_motor.toml").require_loops()
+    for design in (plain.model_copy(update={"loops": None}), plain.model_copy(update={"loops": loops})):
+        for verb in (compensate, tune):
+            with pytest.raises(DesignError, match="this design knows only K_t") as caught:
+                verb(design)
+            assert caught.value.next_command is NextCommand.ELECTRICAL_DATA
+    with pytest.raises(DesignError, match="loops: missing") as caught:
+        plain.model_copy(update={"loops": None}).require_loops()
+    assert caught.value.next_command is NextCommand.LOOPS
 
 
 def test_metrics_against_a_made_up_log() -> None:
