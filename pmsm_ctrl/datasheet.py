@@ -19,7 +19,7 @@ from pmsm_ctrl.units import DATASHEET, KRPM, RPM
 
 __all__ = [
     "MACHINES", "QUESTIONS", "Answer", "Question", "answers_from", "design_toml", "machine_of", "plausibility",
-    "questions_of", "read_answer",
+    "questions_of", "quoted", "read_answer",
 ]  # fmt: skip
 
 _NUMBER = re.compile(r"([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*+(.*)", re.DOTALL)
@@ -37,11 +37,14 @@ class Answer:
     value : float
     unit : str
         As accepted by the question; empty for a plain number.
+    stated : bool
+        False for the default of a question that nobody answered.
     """
 
     field: str
     value: float
     unit: str
+    stated: bool = True
 
 
 @dataclass(frozen=True)
@@ -276,9 +279,10 @@ def answers_from(
         text = given.get(question.key)
         if text is None:
             text = ask(question) if ask is not None else ""
+        stated = bool(text.strip())
         text = text.strip() or (question.default or "")
         if text:
-            answers[question.key] = read_answer(question, text)
+            answers[question.key] = replace(read_answer(question, text), stated=stated)
         elif question.default is None:
             missing.append(question)
     if missing:
@@ -312,20 +316,30 @@ def design_toml(name: str, answers: Mapping[str, Answer], machine: str = "motor"
         "# Written from a datasheet. Numbers keep the unit of the sheet, which their names state.",
         "# identify and sweep find the friction, tune the loops."
         if machine == "motor" else "# identify finds the friction. Without winding data the drive cannot be simulated.",
-        f"name = {_quoted(name)}",
+        f"name = {quoted(name)}",
         *(['motion = "linear"'] if machine == "linear" else []),
     ]  # fmt: skip
     for table in ("motor", "load", "drive", "sensor"):
         if table in tables:
             lines += ["", f"[{table}]", *(_line(*entry) for entry in tables[table])]
     for effect in ("coulomb", "viscous"):
-        lines += ["", "[[effects]]", f"id = {_quoted(effect)}", *(_line(*entry) for entry in tables[effect])]
+        lines += ["", "[[effects]]", f"id = {quoted(effect)}", *(_line(*entry) for entry in tables[effect])]
     text = "\n".join(lines) + "\n"
     Design.from_dict(tomllib.loads(text), source="init")  # raises errors before anything is written
     return text
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
+    """Return a text as a string of TOML.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+    """
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
@@ -358,8 +372,15 @@ def _tables(answers: Mapping[str, Answer], machine: str) -> dict[str, list[Entry
             comment = units.get(field, answer.unit.replace("kHz", "Hz").replace("V ac", "V").replace("V dc", "V"))
         if field == "speed_rate":
             field, value, comment = _divider(answers["pwm"].value, value)
+        if _assumed(answer):
+            comment += "; assumed, since nothing was stated"
         tables.setdefault(question.table, []).append((field, value, comment))
     return tables
+
+
+def _assumed(answer: Answer) -> bool:
+    """Whether a value is the usual one, which nobody stated; no friction is no assumption, it is to be found."""
+    return not answer.stated and answer.value != 0.0
 
 
 def _divider(f_control: float, rate: float) -> Entry:
@@ -374,7 +395,7 @@ def _divider(f_control: float, rate: float) -> Entry:
 
 def _line(field: str, value: float | int, comment: str) -> str:
     if math.isnan(value):
-        return f"{f'{field} = {_quoted(UNKNOWN)}':<30}# a log with fast reversals tells it"
+        return f"{f'{field} = {quoted(UNKNOWN)}':<30}# a log with fast reversals tells it"
     whole = field in ("p", "speed_divider", "encoder_counts")
     if whole and value != int(value):
         raise RequestError(f"{field}: found {value:g}, but a whole number was expected")
@@ -385,6 +406,10 @@ def _line(field: str, value: float | int, comment: str) -> str:
 
 
 UNLIKELY = Template("unlikely_value", "{name} of {value} is unlikely for a servo motor: check the units")
+GEAR_ALONE = Template(
+    "gear_alone",
+    "a gear ratio of {ratio:g} without a load inertia changes nothing: state --load-inertia, at the load's own shaft",
+)
 EMF_MISMATCH = Template(
     "emf_mismatch", "the EMF constant gives {ratio:.3g} times the flux of the torque constant{cause}"
 )
@@ -411,7 +436,7 @@ def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[st
     Returns
     -------
     facts : list of str
-        Torque constant, time constant, no-load speed, acceleration.
+        Torque constant, time constant, no-load speed, acceleration, and what was assumed.
     notices : list of Notice
         Empty when nothing is unlikely.
     """
@@ -431,6 +456,10 @@ def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[st
     if "torque_constant" in answers and answers["torque_constant"].unit.endswith("dc"):
         lines = [f"K_t = {design.K_t:.4g} {unit}"]
     lines += [f"{name}: {shown}" for name, (_, shown) in figures.items()]
+    questions = {question.key: question for question in (_LINEAR if linear else QUESTIONS)}
+    assumed = [f"{questions[key].option} '{questions[key].default}'" for key, one in answers.items() if _assumed(one)]
+    if assumed:
+        lines.append(f"not stated, so assumed: {', '.join(assumed)}")
     doubts = [
         UNLIKELY(name=name, value=shown)
         for name, (value, shown) in figures.items()
@@ -438,6 +467,8 @@ def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[st
     ]
     if motor.p is not None and motor.psi_f is not None and {"emf_constant", "torque_constant"} <= set(answers):
         doubts += _emf_check(motor.p, motor.psi_f, answers["emf_constant"])
+    if "gear" in answers and "load_inertia" not in answers:
+        doubts.append(GEAR_ALONE(ratio=answers["gear"].value))
     return lines, doubts
 
 

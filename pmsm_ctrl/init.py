@@ -27,7 +27,9 @@ def _option(example: str) -> Any:
 
 
 def init(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="name of the axis")] = "axis",
+    name: Annotated[
+        Text, typer.Argument(metavar="NAME", help="name of the axis; default: axis, or that of the example")
+    ] = None,
     output: Annotated[Path | None, output_option("DESIGN", "the design to write; default: NAME.toml")] = None,
     force: ForceOption = False,
     machine: Annotated[
@@ -61,27 +63,52 @@ def init(
     json_file: Annotated[Path | None, output_option("FILE", "write the design as JSON", "--json")] = None,
 ) -> None:
     """Ask for the datasheet values and write a design. Values given as options are not asked for."""
-    if example is not None:
-        _write_example(example, output or Path(f"{example}.toml"), force=force, json_file=json_file)
-        return
     given = {
         "pole_pairs": pole_pairs, "torque_constant": torque_constant, "emf_constant": emf_constant,
         "resistance": resistance, "inductance": inductance, "inductance_q": inductance_q, "inertia": inertia,
         "load_inertia": load_inertia, "gear": gear, "current_limit": current_limit, "supply": supply, "pwm": pwm,
         "speed_loop": speed_loop, "encoder": encoder, "friction": friction, "viscous": viscous,
     }  # fmt: skip
+    _require_name(name)
+    if example is not None:
+        _refuse_beside_example({"machine": machine, **given})
+        target = output or Path(f"{example if name is None else name}.toml")
+        _write_example(example, name, target, force=force, json_file=json_file)
+        return
+    name = "axis" if name is None else name
     _write(name, output or Path(f"{name}.toml"), machine, given, force=force, json_file=json_file)
 
 
-def _write_example(name: str, target: Path, *, force: bool, json_file: Path | None) -> None:
-    """Write one of the designs of the package."""
+def _require_name(name: Text) -> None:
+    from pmsm_ctrl.errors import RequestError
+
+    if name is not None and (os.sep in name or not name.strip()):
+        raise RequestError(f"init '{name}': a name without {os.sep} was expected; --output names the file")
+
+
+def _refuse_beside_example(given: dict[str, Text]) -> None:
+    """Refuse values of a datasheet beside a design that has its own."""
+    from pmsm_ctrl.errors import RequestError
+
+    options = [f"--{key.replace('_', '-')}" for key, text in given.items() if text is not None]
+    if options:
+        raise RequestError(f"init --example: excludes {', '.join(options)}; change the values in the file it writes")
+
+
+def _write_example(example: str, name: Text, target: Path, *, force: bool, json_file: Path | None) -> None:
+    """Write one of the designs of the package, under another name where one is given."""
     from pmsm_ctrl.console import write_json
+    from pmsm_ctrl.datasheet import quoted
     from pmsm_ctrl.design import Design
     from pmsm_ctrl.files import example_design, require_new, write_text
 
-    design = Design.example(name)
+    design = Design.example(example)
     require_new(() if force else [target])
-    write_text(target, example_design(name).read_text(encoding="utf-8"))
+    text = example_design(example).read_text(encoding="utf-8")
+    if name is not None:
+        text = text.replace(f'name = "{design.name}"', f"name = {quoted(name)}", 1)
+        design = Design.from_toml(text, source=str(target))
+    write_text(target, text)
     if json_file is not None:
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target)})
     print(printable(f"design: {target}"))
@@ -97,11 +124,8 @@ def _write(
     from pmsm_ctrl.console import write_json
     from pmsm_ctrl.datasheet import answers_from, design_toml, machine_of, plausibility
     from pmsm_ctrl.design import Design
-    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.files import require_new, write_text
 
-    if os.sep in name or not name.strip():
-        raise RequestError(f"init '{name}': a name without {os.sep} was expected; --output names the file")
     require_new(() if force else [target])
     ask = _asking(input) if sys.stdin is not None and sys.stdin.isatty() else None
     if machine is None:

@@ -418,6 +418,30 @@ def test_a_shipped_design_is_written_as_it_is(name: str, capsys: pytest.CaptureF
     assert "exists; --force overwrites it" in capsys.readouterr().err
 
 
+def test_the_name_given_is_that_of_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("init", "my axis", "--example", "hunting") == 0
+    assert Design.read("my axis.toml").name == "my axis"
+    example = (ROOT / "designs" / "hunting.toml").read_text("utf-8")
+    assert Path("my axis.toml").read_text("utf-8") == example.replace('"hunting"', '"my axis"')
+    assert "study 'my axis.toml'" in capsys.readouterr().out
+    assert call("init", "sub/foo", "--example", "emps") == 2
+    assert "a name without /" in capsys.readouterr().err
+    assert call("init", "other", "--example", "emps", "--machine", "plain", "--gear", "3") == 2
+    assert "init --example: excludes --machine, --gear; change the values in the file" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["my axis.toml"]
+
+
+def test_what_nobody_stated_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    words = options({key: text for key, text in PLAIN.items() if key != "encoder"})
+    assert call("init", "--machine", "plain", *words, "--gear", "10") == 0
+    said = capsys.readouterr()
+    assert "not stated, so assumed: --encoder '20 bit'\n" in said.out
+    assert "a gear ratio of 10 without a load inertia changes nothing" in said.err
+    assert "# counts per turn; assumed, since nothing was stated" in Path("axis.toml").read_text("utf-8")
+    assert call("init", "whole", "--machine", "plain", *words, "--encoder", "17 bit") == 0
+    assert "assumed" not in capsys.readouterr().out + Path("whole.toml").read_text("utf-8")
+
+
 def test_an_example_that_does_not_exist_names_those_that_do(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("init", "--example", "seed_moter") == 2
     said = capsys.readouterr().err
