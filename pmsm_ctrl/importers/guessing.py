@@ -11,8 +11,16 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import notices as say
 from pmsm_ctrl.importers.header_rate import ASSUMED_UNITS
-from pmsm_ctrl.importers.motion_units import DriveUnit, SpeedPair, drive_unit, number, pair_units, speed_unit
-from pmsm_ctrl.importers.names import guess_channel, says_rms, unit_of, unit_spelling
+from pmsm_ctrl.importers.motion_units import (
+    DriveUnit,
+    SpeedPair,
+    counted_unit,
+    drive_unit,
+    number,
+    pair_units,
+    speed_unit,
+)
+from pmsm_ctrl.importers.names import counts_of, guess_channel, says_rms, unit_of, unit_spelling
 from pmsm_ctrl.importers.relations import drive_balance, rate_likeness, roughness
 from pmsm_ctrl.importers.table import Array, Column, HeaderPeriod, Table
 from pmsm_ctrl.importers.vocabulary import meaning_of
@@ -26,6 +34,7 @@ LOOKED_AT = 200_000  # samples of each column
 MOST = 40  # columns whose physics is looked at
 NO_PERIOD = "every PERIOD ms"  # of a file whose rate nothing tells
 RATE_IS_OPEN, AS_STATED = "the rate", "as stated"
+FACTOR_IS_OPEN = "the factor, 2 pi over the encoder counts of a turn (or encoder_counts in the design),"
 DERIVATIVE = 0.99  # correlation of travelled distance and integrated speed
 MOST_PAIRED = 12  # columns that are tried in pairs
 CLEARLY = 0.1  # share that is left unexplained where neither motion nor drive signal is known by name
@@ -147,6 +156,8 @@ def _fits(column: Column, channel: str) -> bool:
         return True
     if unit_spelling(column.unit) in ("%", "‰") and channel in ("torque", "i_q", "i_q_ref", "T_load"):
         return True
+    if counts_of(column.unit):
+        return counts_of(column.unit) == CHANNELS[channel][0]
     return (unit_of(column.unit) or ("", 0.0))[0] in CHANNELS[channel][:2]
 
 
@@ -385,9 +396,23 @@ def _units_of_motion(case: _Case, t: Array) -> None:
             case.unit[i], case.factor[i] = case.unit[measured], case.factor.get(measured, 1.0)
             case.why[i].append(f"unit as that of '{case.columns[measured].label}'")
             continue
-        case.unit[i], why = speed_unit(case.values[i], channel, case.motion)
-        case.why[i].append(why)
-        case.assumed.append((channel, case.unit[i]))
+        _unit_alone(case, i, channel)
+
+
+def _unit_alone(case: _Case, i: int, channel: str) -> None:
+    """Decide on the unit of a position or a speed that no other column tells."""
+    stated = case.unit[i]
+    unit, why = speed_unit(case.values[i], channel, case.motion)
+    counted = counted_unit(case.values[i], stated, channel, case.design)
+    if counts_of(stated) or (counted is not None and unit in ("rad", "m")):
+        unit = CHANNELS[channel][case.motion == "linear"]
+        case.factor[i], why = counted or (1.0, "encoder counts, and nothing states how many make a turn")
+        if counted is None:
+            case.open[i] = FACTOR_IS_OPEN
+    case.unit[i] = unit
+    case.why[i].append(why)
+    if not counts_of(stated):
+        case.assumed.append((channel, unit))
 
 
 def _drives(case: _Case, t: Array) -> None:
@@ -456,5 +481,6 @@ def _spelled(case: _Case, i: int) -> Guess:
     elif not case.unit.get(i):
         case.assumed.append((channel, unit))
     factor = case.factor.get(i, 1.0)
-    before = "PERIOD * " if case.open.get(i) == RATE_IS_OPEN else f"{number(factor)} * " if factor != 1.0 else ""
+    before = f"{number(factor)} * " if factor != 1.0 else ""
+    before = {RATE_IS_OPEN: "PERIOD * ", FACTOR_IS_OPEN: "FACTOR * "}.get(case.open.get(i, ""), before)
     return Guess(channel, i, column.label, f"{before}{name} [{unit}]", tuple(case.why[i]), case.open.get(i, ""))

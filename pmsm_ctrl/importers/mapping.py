@@ -17,6 +17,7 @@ needs a factor: torque in per mille of 2.4 N m is ``torque = "Torque actual valu
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -24,7 +25,7 @@ from dataclasses import dataclass, replace
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, MappingError, NextCommand, nearest
 from pmsm_ctrl.importers.clock import is_clock
-from pmsm_ctrl.importers.names import guess_channel, split_header, unit_of, unit_spelling
+from pmsm_ctrl.importers.names import counts_of, guess_channel, split_header, unit_of, unit_spelling
 from pmsm_ctrl.importers.notices import OTHER_UNIT
 from pmsm_ctrl.importers.table import Column, Table, one_line
 from pmsm_ctrl.log import CHANNELS
@@ -114,11 +115,12 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
     stated = {channel: stated_factor(table, spec) for channel, spec in wanted.items()}
     chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, (_, spec) in stated.items()}
     table_complete = design is not None and bool(design.log.channels)
-    for channel, index, how in _unmapped(table, chosen, guess=not table_complete):
+    counted = design is not None and design.sensor.encoder_counts > 0
+    for channel, index, how in _unmapped(table, chosen, guess=not table_complete, counted=counted):
         chosen[channel] = (index, "", how)
     motion = _motion(table, design, chosen, scales)
     sources = tuple(
-        _source(table, channel, index, unit, how, scales.get(channel), motion)
+        _source(table, channel, index, unit, how, scales.get(channel), motion, design)
         for channel, (index, unit, how) in chosen.items()
     )
     sources = tuple(replace(s, scale=s.scale * stated[s.channel][0]) if s.channel in stated else s for s in sources)
@@ -283,7 +285,14 @@ def _shown(columns: tuple[Column, ...]) -> str:
     return ", ".join(names[:20]) + (f", ... {len(names)} in all" if len(names) > 20 else "")
 
 
-def _unmapped(table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: bool) -> list[tuple[str, int, str]]:
+def _is_counted(unit: str, channel: str) -> bool:
+    """Whether a unit counts the increments of an encoder, and the channel is such a position or speed."""
+    return bool(counts_of(unit)) and counts_of(unit) == CHANNELS[channel][0]
+
+
+def _unmapped(
+    table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: bool, counted: bool
+) -> list[tuple[str, int, str]]:
     """Channels for columns that no mapping names: exact names first, then guesses."""
     used = {index for index, _, _ in chosen.values()}
     free = [(i, c) for i, c in enumerate(table.columns) if i not in used and not c.is_text]
@@ -296,7 +305,9 @@ def _unmapped(table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: b
     if guess:
         for i, column in free:
             channel = "t" if column.is_time else guess_channel(column.name)
-            if channel is not None and channel not in chosen and channel not in found and _plausible(column, channel):
+            if channel is None or channel in chosen or channel in found:
+                continue
+            if _plausible(column, channel) or (counted and _is_counted(column.unit, channel)):
                 found[channel] = (i, "guessed")
     return [(channel, i, how) for channel, (i, how) in found.items()]
 
@@ -325,16 +336,27 @@ def _motion(
     return "rotary"
 
 
-def _source(table: Table, channel: str, index: int, stated: str, how: str, scale: float | None, motion: str) -> Source:
+def _source(
+    table: Table, channel: str, index: int, stated: str, how: str, scale: float | None, motion: str,
+    design: Design | None,
+) -> Source:  # fmt: skip
     column = table.columns[index]
     target = CHANNELS[channel][1 if motion == "linear" else 0]
     spelled = column.unit if column.is_date else stated or column.unit
     unit = unit_spelling(spelled) if spelled else target
     place = f"{table.file}: column {index + 1} ('{column.label}')"
     known = unit_of(unit)
+    if known is None and _is_counted(unit, channel) and design is not None and design.sensor.encoder_counts:
+        known = target, (1.0 if motion == "linear" else 2.0 * math.pi) / design.sensor.encoder_counts
     if known is None:
         if scale is not None:
             return Source(channel, index, spelled, 1.0, scale, how, factor_unknown=True)
+        if _is_counted(unit, channel):
+            what = f"[{spelled}] for '{channel}' are encoder counts, and nothing states how many make a "
+            what += "metre" if motion == "linear" else "turn"
+            raise _refused(
+                f"{place}: {what}: encoder_counts in [sensor] of the design, or a factor in [log.scale]", how
+            )
         accepted = ", ".join(name for name, (si, _) in UNITS.items() if si == target)
         near = nearest(spelled, UNITS)
         what = f"unknown unit [{spelled}] for '{channel}'{near}"

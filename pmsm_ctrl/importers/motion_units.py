@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.importers.names import unit_of, unit_spelling
+from pmsm_ctrl.importers.names import counts_of, unit_of, unit_spelling
 from pmsm_ctrl.importers.relations import drive_balance
 from pmsm_ctrl.importers.table import Array
 from pmsm_ctrl.importers.timebase import quantum
 from pmsm_ctrl.importers.wraps import wrap_period
 
-__all__ = ["Chosen", "DriveUnit", "SpeedPair", "drive_unit", "number", "pair_units", "speed_unit"]
+__all__ = ["Chosen", "DriveUnit", "SpeedPair", "counted_unit", "drive_unit", "number", "pair_units", "speed_unit"]
 
 FITS = 0.03  # of a factor; a filtered speed and a coarse encoder leave that much
 LIKELY = 2.0  # times the design's inertia, within which a unit fits
@@ -27,6 +27,7 @@ PAIRS = {
     ),
     "linear": (("m", "m/s"), ("mm", "mm/s"), ("mm", "m/s"), ("mm", "m/min"), ("um", "mm/s"), ("mm", "mm/min")),
 }  # fmt: skip
+WHOLE = 100.0  # span of whole numbers from which a position without a unit is one of encoder counts
 COUNTED = ("rpm", "rad/s", "rev/s", "deg/s")
 TURN = {"rad": 2.0 * math.pi, "deg": 360.0, "rev": 1.0}
 
@@ -83,7 +84,8 @@ def pair_units(pair: SpeedPair, design: Design | None) -> Chosen:
     -------
     Chosen
     """
-    counts = design.sensor.encoder_counts if design is not None else None
+    counts = design.sensor.encoder_counts if design is not None else 0
+    increments = bool(counts_of(pair.position_unit))
     stated = unit_of(pair.position_unit), unit_of(pair.speed_unit)
     fitting: list[tuple[str, str, float]] = []
     for position, speed in PAIRS[pair.motion]:
@@ -96,12 +98,12 @@ def pair_units(pair: SpeedPair, design: Design | None) -> Chosen:
             continue
         fitting.append((position if stated[0] is None else pair.position_unit,
                         speed if stated[1] is None else pair.speed_unit, 1.0))  # fmt: skip
-    fitting = list(dict.fromkeys(fitting))
-    counted = _counts(pair, stated[1] is not None) if stated[0] is None and pair.motion == "rotary" else None
+    fitting = [] if increments else list(dict.fromkeys(fitting))
+    counted = _counts(pair, stated[1] is not None, counts) if stated[0] is None and pair.motion == "rotary" else None
     if counted is not None and not fitting:
         turn, speed = counted
         said = f"{turn:.0f} counts a turn make the speed one in {speed}"
-        return Chosen("rad", speed, 2.0 * math.pi / turn, design is not None and counts == turn, (said,))
+        return Chosen("rad", speed, 2.0 * math.pi / turn, counts == turn, (said,))
     if not fitting:
         return Chosen(pair.position_unit or "rad", pair.speed_unit or "rad/s", 1.0, False, ("no usual units fit",))
     if len(fitting) == 1:
@@ -117,8 +119,8 @@ def pair_units(pair: SpeedPair, design: Design | None) -> Chosen:
     return Chosen(*fitting[0], False, (f"{others} fit as well",))
 
 
-def _counts(pair: SpeedPair, speed_stated: bool) -> tuple[float, str] | None:
-    """Return (counts a turn, unit of the speed) where the position counts whole increments."""
+def _counts(pair: SpeedPair, speed_stated: bool, known: int) -> tuple[float, str] | None:
+    """Return (counts a turn, unit of the speed) where the position counts whole increments; known ones come first."""
     if not np.array_equal(pair.position, np.round(pair.position)):
         return None
     units = (pair.speed_unit,) if speed_stated else COUNTED
@@ -128,11 +130,36 @@ def _counts(pair: SpeedPair, speed_stated: bool) -> tuple[float, str] | None:
             continue
         turn = abs(pair.factor) * 2.0 * math.pi / gain[1]
         usual = [2.0**k for k in range(9, 33)] + [4.0 * n for n in (500, 1000, 1024, 2000, 2500, 3600, 5000, 9000)]
-        usual += [1e4, 1e5, 1e6]
+        usual += [1e4, 1e5, 1e6, *([float(known)] if known else [])]
         best = min(usual, key=lambda one: abs(math.log(one / turn)))
         if math.isclose(best, turn, rel_tol=0.01):
             return best, unit
     return None
+
+
+def counted_unit(values: Array, stated: str, channel: str, design: Design | None) -> tuple[float, str] | None:
+    """Return the factor to rad, m or their rates of a column of encoder counts, and why; None where it is none.
+
+    Parameters
+    ----------
+    values : array, shape (n,)
+    stated : str
+        The file's unit, or empty; without one a position of whole numbers is one.
+    channel : str
+    design : Design, optional
+        Its encoder counts.
+
+    Returns
+    -------
+    (float, str) or None
+    """
+    counts = design.sensor.encoder_counts if design is not None else 0
+    whole = not stated and channel.startswith("theta") and np.array_equal(values, np.round(values))
+    if design is None or not counts or not (counts_of(stated) or (whole and np.ptp(values) > WHOLE)):
+        return None
+    linear = design.motion == "linear"
+    said = f"{counts} counts a {'metre' if linear else 'turn'}, as the design states"
+    return (1.0 if linear else 2.0 * math.pi) / counts, said if stated else f"whole numbers: {said}"
 
 
 def speed_unit(values: Array, channel: str, motion: str) -> tuple[str, str]:

@@ -7,7 +7,7 @@ import re
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["guess_channel", "is_unit", "split_header", "unit_of", "unit_spelling"]
+__all__ = ["counts_of", "guess_channel", "is_unit", "split_header", "unit_of", "unit_spelling"]
 
 # spelling in files, without case -> spelling of pmsm_ctrl.units
 _SPELLINGS = {
@@ -142,9 +142,25 @@ def says_rms(name: str) -> bool:
     return _RMS.search(name) is not None
 
 
+_COUNTS = re.compile(
+    r"(?:enc(?:oder)?[\s_.-]?+)?+(?:inc|incr|incs|increments?|ink|inkr|inkremente?|counts?|cnts?|cts|ticks?|pulses?)\.?+"
+    r"(?P<rate>\s*+(?:/|per)\s*+s(?:ec)?+)?+",
+    re.IGNORECASE,
+)
+
+
+def counts_of(unit: str) -> str:
+    """Return what a unit of encoder counts measures: ``rad``, ``rad/s``, or empty where it is none.
+
+    How many of them make a turn, or a metre, stands in the design.
+    """
+    match = _COUNTS.fullmatch(unit.strip().strip("[]()").strip())
+    return "" if match is None else "rad/s" if match["rate"] else "rad"
+
+
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit this package knows, in any spelling."""
-    return unit_spelling(text) in UNITS
+    """Whether a text is a unit this package knows, in any spelling, encoder counts among them."""
+    return unit_spelling(text) in UNITS or bool(counts_of(text))
 
 
 # A bracket at the end is a unit unless it holds an index; other forms count only when the unit is known.

@@ -17,6 +17,7 @@ import pytest
 from pmsm_ctrl.cli import app
 from pmsm_ctrl.console import run
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers import open_table, propose, read_log
 from pmsm_ctrl.importers.vocabulary import meaning_of
 from pmsm_ctrl.log import CHANNELS
@@ -173,6 +174,65 @@ def test_headerless_text(
     }  # fmt: skip
     log = read_log(path, mapping=found.mapping)
     np.testing.assert_allclose(log["omega"], axis["omega"], atol=1e-6)
+
+
+COUNTED = ["Inc", "Incr.", "inc", "increments", "Inkremente", "counts", "cts", "enc counts"]
+
+
+@pytest.mark.parametrize("unit", COUNTED)
+def test_a_unit_of_encoder_counts_is_read_by_the_design(
+    tmp_path: Path, axis: dict[str, np.ndarray], design: Design, unit: str
+) -> None:
+    """The file says counts, the design how many make a turn: nothing is left to guess, with a speed or without."""
+    counts = np.round(axis["theta"] / (2 * np.pi) * 16384)
+    head = [f"Time [s];Position actual value [{unit}];Torque [Nm]"]
+    path = text(tmp_path / "a.csv", head, (axis["t"], counts, axis["torque"]), ";")
+    log = read_log(path, design)
+    np.testing.assert_allclose(log["theta"], axis["theta"], atol=1e-9)
+    assert "unit_assumed" not in {notice.code for notice in log.provenance.notices}
+    mapping = {"t": "Time [s]", "theta": f"-Position actual value [{unit}]", "torque": "Torque [Nm]"}
+    np.testing.assert_allclose(read_log(path, design, mapping)["theta"], -axis["theta"], atol=1e-9)
+    unknown = design.replace(sensor={"encoder_counts": 0})
+    with pytest.raises(LogError, match="are encoder counts, and nothing states how many make a turn: encoder_counts"):
+        read_log(path, unknown, mapping)
+    open_question = propose(open_table(path), unknown)
+    assert not open_question.complete
+    assert open_question.mapping["theta"] == "FACTOR * Position actual value [rad]"
+    head = [f"Time [s];Pos ({unit});Speed [{unit}/s];Torque [Nm]"]
+    rate = np.gradient(counts, PERIOD)
+    both = read_log(text(tmp_path / "b.csv", head, (axis["t"], counts, rate, axis["torque"]), ";"), design)
+    np.testing.assert_allclose(both["omega"], rate * 2 * np.pi / 16384, atol=1e-6)
+
+
+@pytest.mark.parametrize("number", [16384, 20000 * 7])
+def test_counts_beside_a_speed_and_a_share_of_the_rated_torque(
+    tmp_path: Path, axis: dict[str, np.ndarray], design: Design, number: int
+) -> None:
+    """The counts of the design are tried first, usual ones or not."""
+    counts = np.round(axis["theta"] / (2 * np.pi) * number)
+    head = ["Time [s];Position actual value [Inc];Velocity actual value [rpm];Torque actual value [‰]"]
+    columns = (axis["t"], counts, axis["omega"] * RPM, axis["torque"] / 0.48 * 1000.0)
+    found = propose(
+        open_table(text(tmp_path / "a.csv", head, columns, ";")), design.replace(sensor={"encoder_counts": number})
+    )
+    assert found.complete
+    factor = float(found.mapping["theta"].split(" *")[0])
+    assert factor == pytest.approx(2 * np.pi / number)
+    assert codes(found) == ["rated_from_inertia"]
+
+
+def test_whole_numbers_without_a_speed_are_counts_of_the_design(
+    tmp_path: Path, axis: dict[str, np.ndarray], design: Design
+) -> None:
+    counts = np.round(axis["theta"] / (2 * np.pi) * 16384)
+    head = ["Time [s],Position actual value,Torque [Nm]"]
+    path = text(tmp_path / "a.csv", head, (axis["t"], counts, axis["torque"]), ",")
+    found = propose(open_table(path), design)
+    assert codes(found) == ["unit_assumed"]
+    assert any("whole numbers: 16384 counts a turn, as the design states" in g.reasons for g in found.guesses)
+    np.testing.assert_allclose(read_log(path, design, found.mapping)["theta"], axis["theta"], atol=1e-9)
+    angle = text(tmp_path / "b.csv", head, (axis["t"], axis["theta"], axis["torque"]), ",")
+    assert propose(open_table(angle), design).mapping["theta"] == "Position actual value [rad]"
 
 
 def test_an_angle_in_counts(tmp_path: Path, axis: dict[str, np.ndarray], design: Design) -> None:
