@@ -2,13 +2,42 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from pmsm_ctrl.errors import nearest
+from pmsm_ctrl.errors import DesignError, nearest
 
-__all__ = ["explain"]
+__all__ = ["built", "explain"]
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def built(model: type[Model], source: str, **fields: Any) -> Model:
+    """Return a part of a design.
+
+    Parameters
+    ----------
+    model : type
+        Of the part.
+    source : str
+        What a message calls it.
+    **fields
+        Its values.
+
+    Returns
+    -------
+    BaseModel
+
+    Raises
+    ------
+    DesignError
+        Naming the field, what was found and what would have been accepted.
+    """
+    try:
+        return model(**fields)
+    except ValidationError as error:
+        raise DesignError(explain(error, model, source)) from None
 
 
 def explain(error: ValidationError, root: type[BaseModel], source: str) -> str:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import tomli_w
 from pydantic import Field, PrivateAttr, ValidationError, field_validator, model_validator
 
-from pmsm_ctrl.complaints import explain
+from pmsm_ctrl.complaints import built, explain
 from pmsm_ctrl.design_parts import (
     Acceptance,
     Assumed,
@@ -236,7 +236,7 @@ class Design(Part):
         -------
         Design
         """
-        entry = EffectEntry(id=effect, parameters=dict(parameters or {}), stderr=dict(stderr or {}))
+        entry = built(EffectEntry, f"effect '{effect}'", id=effect, parameters=parameters or {}, stderr=stderr or {})
         return self.replace_effects((*(e for e in self.effects if e.id != effect), entry))
 
     def add_effect(self, effect: str, parameters: dict[str, float], stderr: dict[str, float] | None = None) -> Design:
@@ -255,7 +255,7 @@ class Design(Part):
         -------
         Design
         """
-        entry = EffectEntry(id=effect, parameters=dict(parameters), stderr=dict(stderr or {}))
+        entry = built(EffectEntry, f"effect '{effect}'", id=effect, parameters=parameters, stderr=stderr or {})
         return self.replace_effects((*self.effects, entry))
 
     def without_effect(self, effect: str) -> Design:

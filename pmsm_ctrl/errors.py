@@ -8,7 +8,7 @@ from enum import Enum
 
 __all__ = [
     "CacheWarning", "DesignError", "LogError", "MappingError", "NextCommand", "PmsmCtrlError", "RequestError",
-    "SimulationError", "UnsafeGainError", "nearest",
+    "SimulationError", "UnsafeGainError", "nearest", "require_kind",
 ]  # fmt: skip
 
 
@@ -79,6 +79,35 @@ class SimulationError(PmsmCtrlError):
 
 class CacheWarning(UserWarning):
     """The cache of compiled kernels is damaged or cannot be written; it costs time, not the answer."""
+
+
+# How a noun comes about, for a message that found something else in its place.
+READ = {
+    "Design": "Design.read('axis.toml') reads one",
+    "Log": "read_log('log.csv', design) reads one",
+    "Mapping": "Log({'t': t, 'omega': omega, 'i_q': i_q})",
+}
+
+
+def require_kind(value: object, kind: type, what: str) -> None:
+    """Refuse an argument that is not of this type: a path in place of a design, say.
+
+    Parameters
+    ----------
+    value : object
+    kind : type
+    what : str
+        The argument's name.
+
+    Raises
+    ------
+    RequestError
+        When it is of another type.
+    """
+    if not isinstance(value, kind):
+        found = "None" if value is None else f"a {type(value).__name__}"
+        hint = f": {READ[kind.__name__]}" if kind.__name__ in READ else ""
+        raise RequestError(f"{what}: {found} found; a {kind.__name__} was expected{hint}")
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pmsm_ctrl.errors import LogError, NextCommand, RequestError, nearest
+from pmsm_ctrl.errors import LogError, NextCommand, RequestError, nearest, require_kind
 from pmsm_ctrl.files import atomic_path
 from pmsm_ctrl.frames import UnchangeableDict, columns_of
 from pmsm_ctrl.section import Notice
@@ -153,6 +153,7 @@ class Log(UnchangeableDict):
 
     def __post_init__(self) -> None:
         frozen: dict[str, Array] = {}
+        require_kind(self.channels, Mapping, "channels of a log")
         for name, values in self.channels.items():
             if name not in CHANNELS:
                 raise LogError(f"unknown channel '{name}'{nearest(name, CHANNELS)} (known: {', '.join(CHANNELS)})")
@@ -431,12 +432,13 @@ def as_logs(logs: Logs, what: str = "log") -> tuple[Log, ...]:
     RequestError
         When there is none, or one of them is no log.
     """
+    if isinstance(logs, (Log, Mapping, str)) or not isinstance(logs, (Collection, Iterator)):
+        require_kind(logs, Log, what)
     found = (logs,) if isinstance(logs, Log) else tuple(logs)
     if not found:
         raise RequestError(f"no {what}: at least one was expected")
     for number, log in enumerate(found, start=1):
-        if not isinstance(log, Log):
-            raise RequestError(f"{what} {number}: {type(log).__name__} found; a Log was expected")
+        require_kind(log, Log, f"{what} {number}")
     return found
 
 

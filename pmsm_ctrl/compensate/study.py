@@ -19,7 +19,7 @@ from pmsm_ctrl.compensate.theory import describing_function_limit, hunting
 from pmsm_ctrl.compensate.window import FACTORS, GAINS, GainWindow, gain_window
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
-from pmsm_ctrl.errors import DesignError, RequestError
+from pmsm_ctrl.errors import DesignError, RequestError, require_kind
 from pmsm_ctrl.simulate.feedforward import Feedforward, require_present
 from pmsm_ctrl.simulate.parameters import Plant
 
@@ -98,6 +98,7 @@ def compensate(
     DesignError
         When the drive cannot be simulated, or the design has no loops, no position gain, or no friction to compensate.
     """
+    require_kind(design, Design, "design")
     Plant.of(design)  # a plain axis is refused here: to write its loops would not help
     if design.effects:
         require_present(design)

@@ -34,7 +34,7 @@ from pmsm_ctrl.effects import (
     viscous_power,
 )
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.errors import DesignError, NextCommand, RequestError, nearest
+from pmsm_ctrl.errors import DesignError, NextCommand, RequestError, nearest, require_kind
 
 __all__ = ["CATALOGUE", "bound_effects", "catalogue_of", "catalogue_with", "lookup"]
 
@@ -110,8 +110,9 @@ def catalogue_of(design: Design) -> dict[str, Effect]:
     Raises
     ------
     RequestError
-        When an own effect takes an id that is in use.
+        When an own effect takes an id that is in use, or `design` is none.
     """
+    require_kind(design, Design, "design")
     return catalogue_with(design.own_effects)
 
 

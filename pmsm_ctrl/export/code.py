@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import RequestError, UnsafeGainError
+from pmsm_ctrl.errors import RequestError, UnsafeGainError, require_kind
 from pmsm_ctrl.export.blocks import Block, identifier
 from pmsm_ctrl.export.compensator import compensator, exported_gain
 from pmsm_ctrl.export.files import br_library, c_header, c_source, st_block, tcpou
@@ -64,6 +64,7 @@ def export(
         For another language, part, flavour or precision, an effect that a drive cannot evaluate, or a gain that is not
         safe (`UnsafeGainError`).
     """
+    require_kind(design, Design, "design")
     _check(language, flavour, part, precision)
     if flavour == "br":
         raise RequestError("flavour: found 'br', which is several files; name a folder, or take iec or beckhoff")
@@ -110,6 +111,7 @@ def export_files(
     """
     from pmsm_ctrl.export.tables import table_files
 
+    require_kind(design, Design, "design")
     _check(language, flavour, "compensation", precision)
     blocks = [_block(design, "compensation", settings, force)]
     blocks += [filters(design)] if has_filters(design) else []

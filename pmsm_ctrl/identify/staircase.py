@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError, NextCommand, RequestError
+from pmsm_ctrl.errors import LogError, NextCommand, RequestError, require_kind
 from pmsm_ctrl.identify import notices as words
 from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.plateaus import Plateau, find_plateaus
@@ -223,6 +223,7 @@ def simulated_records(
     RequestError
         When `repeats` is below 1.
     """
+    require_kind(design, Design, "design")
     from pmsm_ctrl.simulate import simulate
 
     if repeats < 1:

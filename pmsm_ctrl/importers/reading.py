@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError, PmsmCtrlError
+from pmsm_ctrl.errors import LogError, PmsmCtrlError, require_kind
 from pmsm_ctrl.files import sha256
 from pmsm_ctrl.importers.build import channels_of
 from pmsm_ctrl.importers.clock import with_clock
@@ -65,6 +65,8 @@ def read_log(
     LogError
         One line with the file, the place and what is wrong.
     """
+    if design is not None or isinstance(source, Design):
+        require_kind(design, Design, "read_log(source, design): design")
     if is_frame(source):
         return _from_table(frame_table(source, name), frame_digest, design, mapping)[0]
     with as_file(source, name) as (path, label):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.errors import LogError, require_kind
 from pmsm_ctrl.importers.relations import NOTHING, Balance, axis_balance
 from pmsm_ctrl.log import Log, Logs, as_logs
 
@@ -30,7 +30,10 @@ def with_inertia(design: Design, log: Logs) -> Design:
     ------
     LogError
         When the log does not tell the inertia either.
+    RequestError
+        When `design` is none.
     """
+    require_kind(design, Design, "design")
     if design.motor.J is not None:
         return design
     best = max((_balance(design, one) for one in as_logs(log)), key=lambda found: found.certain)

@@ -13,7 +13,7 @@ from pathlib import Path
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
-from pmsm_ctrl.errors import DesignError, NextCommand, RequestError
+from pmsm_ctrl.errors import DesignError, NextCommand, RequestError, require_kind
 from pmsm_ctrl.files import sha256, write_text
 from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
 from pmsm_ctrl.identify.paper import PAPER_CASES
@@ -204,8 +204,9 @@ def report_path(design: Design, output: str | os.PathLike[str] | None) -> Path:
     Raises
     ------
     RequestError
-        When the folder cannot be made.
+        When the folder cannot be made, or `design` is none.
     """
+    require_kind(design, Design, "design")
     if output is not None:
         return Path(output)
     stem = re.sub(r"[^\w.-]+", "_", design.name).strip("._") or "axis"

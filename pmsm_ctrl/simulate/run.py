@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect, bound_effects
-from pmsm_ctrl.errors import DesignError, RequestError, SimulationError
+from pmsm_ctrl.errors import DesignError, RequestError, SimulationError, require_kind
 from pmsm_ctrl.log import Log, Provenance, Segment
 from pmsm_ctrl.simulate.compose import BARE_STATES, load, structures
 from pmsm_ctrl.simulate.controller_lines import SpeedParts
@@ -182,6 +182,7 @@ def prepare(design: Design, scenario: str | Scenario, *, truth: Design | None = 
     RequestError
         When the motion is too long or too short for a log.
     """
+    require_kind(design, Design, "design")
     motion = named_scenario(scenario, design) if isinstance(scenario, str) else scenario
     plant_design = truth if truth is not None else design
     plant = Plant.of(plant_design)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.design import CurrentLoop, Design, Filter, Loops, SpeedLoop
-from pmsm_ctrl.errors import DesignError, NextCommand, RequestError
+from pmsm_ctrl.errors import DesignError, NextCommand, RequestError, require_kind
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune import current as current_methods
 from pmsm_ctrl.tune import position
@@ -219,6 +219,7 @@ def open_loops(cascade: Cascade) -> dict[str, Any]:
 
 def _speed(design: Design, at: float | None) -> float:
     """Speed of the operating point; refuses a design that cannot be tuned."""
+    require_kind(design, Design, "design")
     if not design.motor.electrical:
         raise DesignError(
             f"{design.source or design.name}: motor: the loops are tuned from p, psi_f, R, L_d and L_q; this design "

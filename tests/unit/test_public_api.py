@@ -8,10 +8,15 @@ import inspect
 import pickle
 import subprocess
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pmsm_ctrl
+from pmsm_ctrl import Design, Log
+from pmsm_ctrl.errors import PmsmCtrlError
 
 PUBLIC = [
     "Design",
@@ -107,3 +112,45 @@ def test_version_matches_the_distribution() -> None:
     from importlib.metadata import version
 
     assert pmsm_ctrl.__version__ == version("pmsm-ctrl")
+
+
+SERVO = Design.example("seed_motor")
+TIME = 1e-3 * np.arange(200.0)
+RECORD = Log({"t": TIME, "omega": np.sin(TIME), "i_q": np.cos(TIME)})
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: pmsm_ctrl.identify("axis.toml", RECORD), "design: a str found; a Design was expected: Design.read("),
+        (lambda: pmsm_ctrl.compare(Path("axis.toml"), RECORD), "design: a PosixPath found; a Design was expected"),
+        (lambda: pmsm_ctrl.diagnose({"motor": {}}, RECORD), "design: a dict found; a Design was expected"),
+        (lambda: pmsm_ctrl.track(None, RECORD), "design: None found; a Design was expected"),
+        (lambda: pmsm_ctrl.add("axis.toml", RECORD, "stribeck"), "design: a str found"),
+        (lambda: pmsm_ctrl.tune("axis.toml"), "design: a str found"),
+        (lambda: pmsm_ctrl.simulate("axis.toml", "sweep"), "design: a str found"),
+        (lambda: pmsm_ctrl.sweep("axis.toml"), "design: a str found"),
+        (lambda: pmsm_ctrl.compensate("axis.toml"), "design: a str found"),
+        (lambda: pmsm_ctrl.export("axis.toml", "c"), "design: a str found"),
+        (lambda: pmsm_ctrl.study("axis.toml"), "design: a str found"),
+        (lambda: pmsm_ctrl.diagnose(SERVO, None), "log: None found; a Log was expected: read_log("),
+        (lambda: pmsm_ctrl.identify(SERVO, "axis.csv"), "log: a str found; a Log was expected"),
+        (lambda: pmsm_ctrl.identify(RECORD, SERVO), "log: a Design found; a Log was expected"),
+        (lambda: pmsm_ctrl.compare(SERVO, {"t": TIME}), "log: a dict found; a Log was expected"),
+        (lambda: pmsm_ctrl.compare(SERVO, RECORD, holdout=[RECORD, 3]), "holdout 2: a int found; a Log was expected"),
+        (lambda: pmsm_ctrl.read_log(SERVO, "axis.csv"), "read_log(source, design): design: a str found"),
+        (lambda: pmsm_ctrl.read_log("axis.csv", "axis.toml"), "read_log(source, design): design: a str found"),
+        (lambda: Log(TIME, {"omega": TIME}), "channels of a log: a ndarray found; a Mapping was expected: Log({'t': t"),
+        (lambda: SERVO.with_effect("stribeck", {"dF_s": "a"}), "effect 'stribeck': parameters.dF_s: found 'a', but"),
+        (lambda: SERVO.add_effect("cogging", {"A": float("nan")}), "effect 'cogging': parameters.A: found nan, but"),
+    ],
+)  # fmt: skip
+def test_an_argument_of_another_kind_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Callable[[], object], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(PmsmCtrlError) as caught:
+        call()
+    assert str(caught.value).startswith(said)
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
