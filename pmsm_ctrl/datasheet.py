@@ -218,7 +218,9 @@ def read_answer(question: Question, text: str) -> Answer:
         return Answer({"pole_pairs": "p"}.get(question.key, question.key), number, "")
     known = {_essence(name): name for name in question.units}
     if _essence(unit) not in known:
-        problem = f"the unit '{unit}' is ambiguous" if unit else "the unit is missing"
+        words, rest = _essence(unit)
+        open_ways = any(left == rest and words < have for have, left in known)  # it lacks rms, peak, line or phase
+        problem = f"the unit '{unit}' is {'ambiguous' if open_ways else 'unknown'}" if unit else "the unit is missing"
         raise RequestError(f"{question.option} '{text}': {problem}; accepted: {question.accepted}")
     name = known[_essence(unit)]
     field, factor = question.units[name]
