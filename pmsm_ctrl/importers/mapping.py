@@ -351,12 +351,8 @@ def _source(
     if known is None:
         if scale is not None:
             return Source(channel, index, spelled, 1.0, scale, how, factor_unknown=True)
-        if _is_counted(unit, channel):
-            what = f"[{spelled}] for '{channel}' are encoder counts, and nothing states how many make a "
-            what += "metre" if motion == "linear" else "turn"
-            raise _refused(
-                f"{place}: {what}: encoder_counts in [sensor] of the design, or a factor in [log.scale]", how
-            )
+        if way := _way_out(column, spelled, channel):
+            raise _refused(f"{place}: unit [{spelled}] for '{channel}': {way}", how)
         accepted = ", ".join(name for name, (si, _) in UNITS.items() if si == target)
         near = nearest(spelled, UNITS)
         what = f"unknown unit [{spelled}] for '{channel}'{near}"
@@ -364,12 +360,27 @@ def _source(
         raise _refused(message, how)
     si, factor = known
     if si != target and scale is None:
+        if way := _way_out(column, spelled, channel):
+            raise _refused(f"{place}: unit [{spelled}] for '{channel}': {way}", how)
         accepted = ", ".join(name for name, (known_si, _) in UNITS.items() if known_si == target)
         hint = '; for a linear axis the design needs motion = "linear"' if si in ("m", "m/s", "N") else ""
         message = f"{place}: unit [{spelled}] does not fit '{channel}' in {target} "
         message += f"(accepted: {accepted}; or a factor in [log.scale]){hint}"
         raise _refused(message, how)
     return Source(channel, index, unit, factor, 1.0 if scale is None else scale, how, not spelled, si != target)
+
+
+def _way_out(column: Column, unit: str, channel: str) -> str:
+    """Return what a unit lacks that is a share or a count of something else; empty for every other unit."""
+    if _is_counted(unit, channel):
+        what = "encoder counts, and nothing states how many make a turn (a metre)"
+        return f"{what}: encoder_counts in [sensor] of the design, or a factor in [log.scale]"
+    sign = unit_spelling(unit)
+    if sign in ("%", "‰") and CHANNELS[channel][0] in ("N m", "A"):
+        rated = "2.4 N m" if CHANNELS[channel][0] == "N m" else "5 A rms"
+        what = f"a share of the rated value: --map {channel}='{column.name} [{sign} of {rated}]', with that of the data"
+        return f"{what} sheet; or a factor in [log.scale]"
+    return ""
 
 
 def _refused(message: str, how: str) -> LogError:
@@ -400,7 +411,8 @@ def _explain_unit(table: Table, group: tuple[str, ...], wanted: str) -> None:
         channel = guess_channel(column.name)
         if channel in group and column.unit:
             what = f"column '{column.label}' would be '{channel}', but its unit [{column.unit}] does not fit"
-            message = f"{table.file}: no channel {wanted}; {what}: map it and give its factor in [log.scale]"
+            way = _way_out(column, column.unit, channel) or "map it and give its factor in [log.scale]"
+            message = f"{table.file}: no channel {wanted}; {what}: {way}"
             raise MappingError(message, next_command=NextCommand.PROPOSE)
 
 

@@ -193,7 +193,9 @@ def test_a_unit_of_encoder_counts_is_read_by_the_design(
     mapping = {"t": "Time [s]", "theta": f"-Position actual value [{unit}]", "torque": "Torque [Nm]"}
     np.testing.assert_allclose(read_log(path, design, mapping)["theta"], -axis["theta"], atol=1e-9)
     unknown = design.replace(sensor={"encoder_counts": 0})
-    with pytest.raises(LogError, match="are encoder counts, and nothing states how many make a turn: encoder_counts"):
+    with pytest.raises(
+        LogError, match=r"encoder counts, and nothing states how many make a turn .*: encoder_counts in"
+    ):
         read_log(path, unknown, mapping)
     open_question = propose(open_table(path), unknown)
     assert not open_question.complete
@@ -233,6 +235,18 @@ def test_whole_numbers_without_a_speed_are_counts_of_the_design(
     np.testing.assert_allclose(read_log(path, design, found.mapping)["theta"], axis["theta"], atol=1e-9)
     angle = text(tmp_path / "b.csv", head, (axis["t"], axis["theta"], axis["torque"]), ",")
     assert propose(open_table(angle), design).mapping["theta"] == "Position actual value [rad]"
+
+
+@pytest.mark.parametrize(("sign", "stated"), [("%", ""), ("‰", "‰"), ("%", "%")])
+def test_a_share_of_the_rated_torque_asks_for_the_rated_value(
+    tmp_path: Path, axis: dict[str, np.ndarray], sign: str, stated: str
+) -> None:
+    path = text(
+        tmp_path / "a.csv", [f"t [s];speed [rpm];Torque [{sign}]"], (axis["t"], axis["omega"], axis["i_q"]), ";"
+    )
+    mapping = {"torque": f"Torque [{stated}]"} if stated else None
+    with pytest.raises(LogError, match=rf"--map torque='Torque \[{sign} of 2\.4 N m\]', with that of the data sheet"):
+        read_log(path, mapping=mapping)
 
 
 def test_an_angle_in_counts(tmp_path: Path, axis: dict[str, np.ndarray], design: Design) -> None:

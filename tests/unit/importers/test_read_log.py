@@ -298,7 +298,9 @@ def test_per_mille_of_rated_torque_needs_a_factor(tmp_path: Path) -> None:
         LogError, match=r"'Torque actual value \[‰\]' would be 'torque', but its unit \[‰\] does not fit"
     ):
         read_log(path)
-    with pytest.raises(LogError, match=r"unknown unit \[‰\] for 'torque' .*or a factor in \[log.scale\]"):
+    with pytest.raises(
+        LogError, match=r"unit \[‰\] for 'torque': a share of the rated value: .*or a factor in \[log.scale\]"
+    ):
         read_log(path, mapping={"torque": "Torque actual value"})
     table = design({
         "channels": {"t": "Time", "omega": "Velocity actual value", "torque": "Torque actual value"},
