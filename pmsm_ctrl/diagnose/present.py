@@ -84,7 +84,10 @@ def _(result: Diagnosis) -> Section:
     if d.resonance is not None:
         blocks += _resonance(d.resonance)
     if len(d.records) > 1:
-        blocks.append(records_table(d.records, drives(d.design.motion), "refitted", "final"))
+        records = records_table(d.records, drives(d.design.motion), "refitted", "final")
+        blocks.append(records)
+        if not d.steps and any(record.held_out for record in d.records):  # no table of steps holds their errors
+            essential.append(records)
         if (drift := spread_sentence(d.spreads)) is not None:
             blocks.append(drift)
     if d.calibration is not None:

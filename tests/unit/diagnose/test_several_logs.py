@@ -33,6 +33,8 @@ def test_friction_and_offsets_that_differ_are_no_missing_effect() -> None:
     text = found.summary(width=250)
     assert "Standard deviation between records: dry friction" in text
     assert "record_9.csv (held out)" in text
+    # no table of steps holds the error of the held-out record: a terminal shows that of the records
+    assert "record_9.csv (held out)" in found.summary(width=250, brief=True)
     simulated = compare(found.design, records(OWN)).to_dict()["simulation"]
     whole = [one["errors"]["theta"]["rms"] for one in simulated if one["method"] == "free run"]
     assert len(whole) == 4
