@@ -171,7 +171,12 @@ def tune(
     keep: Annotated[bool, typer.Option("--keep", help="check the gains of the design instead of tuning them")] = False,
     robust: Annotated[bool, typer.Option("--robust", help="keep the margins at all corners of the tolerances")] = False,
     filters: Annotated[
-        bool, typer.Option("--filters/--no-filters", help="use a filter against a resonance if it helps")
+        bool,
+        typer.Option(
+            "--filters/--no-filters",
+            help="use a filter against a resonance where it helps, which is the default, or never",
+            show_default=False,
+        ),
     ] = True,
     prove: Annotated[bool, typer.Option("--prove/--no-prove", help="check the loops on the simulated drive")] = True,
     seed: SeedOption = 0,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.notices import OBJECTIONS, motion_words
-from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION, scaled_by_most
+from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION, gaps_of, scaled_by_most
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,14 +29,25 @@ PANEL_WIDTH = 44  # letters of a small title over a third of the figure
 
 
 def outline(t: Array, y: Array, bins: int = 500) -> tuple[Array, Array]:
-    """Thin a line to the lowest and highest sample of each of so many stretches: it looks the same."""
+    """Thin a line to the lowest and highest sample of each of so many stretches: it looks the same.
+
+    It is broken where a stretch holds no number, and at the gap between two records.
+    """
+    if (at := gaps_of(t)).size:
+        pieces = [
+            outline(time, values, max(1, bins * len(time) // len(t)))
+            for time, values in zip(np.split(t, at), np.split(y, at), strict=True)
+        ]
+        times = [np.append(time, time[-1]) for time, _ in pieces]
+        return np.concatenate(times)[:-1], np.concatenate([np.append(values, np.nan) for _, values in pieces])[:-1]
     width = -(-len(t) // bins)
     if width < 4:
         return t, y
     count = len(t) // width
-    parts = np.nan_to_num(y[: count * width].reshape(count, width))
-    start = np.arange(count) * width
-    picked = np.sort(np.stack([start + parts.argmin(axis=1), start + parts.argmax(axis=1)]), axis=0).T.ravel()
+    parts, start = y[: count * width].reshape(count, width), np.arange(count) * width
+    empty = np.isnan(parts)
+    lowest, highest = np.where(empty, np.inf, parts).argmin(axis=1), np.where(empty, -np.inf, parts).argmax(axis=1)
+    picked = np.sort(np.stack([start + lowest, start + highest]), axis=0).T.ravel()
     return t[picked], y[picked]
 
 

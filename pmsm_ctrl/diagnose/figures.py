@@ -13,7 +13,7 @@ from pmsm_ctrl.compare.figures import SHADE
 from pmsm_ctrl.compare.notices import motion_words
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.effects.catalogue import catalogue_of
-from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
+from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION, parted
 from pmsm_ctrl.rendering.numbers import percent, with_prefix
 
 if TYPE_CHECKING:
@@ -281,16 +281,17 @@ def worst_stretch_figure(d: Diagnosis, stretch: Stretch) -> Figure:
     measured = first.record.target[0][part]
     figure = Figure(figsize=(8.5, 5.0), layout="constrained")
     upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=[3, 1.5, 1])
-    upper.plot(t[part], measured, color=BLACK, linewidth=1.4, label="measured")
+    upper.plot(*parted(t[part], measured), color=BLACK, linewidth=1.4, label="measured")
     named = "predicted with the effects found"
     for fit, colour, style, label in ((first, VERMILION, "--", "predicted before"), (last, BLUE, "-.", named)):
         residual = fit.residual[0][part]
         if fit is last and len(d.selection.fits) == 1:
             continue
-        upper.plot(t[part], fit.record.target[0][part] - residual, color=colour, linestyle=style, label=label)
-        middle.plot(t[part], residual, color=colour, linestyle=style, linewidth=1.0)
+        upper.plot(*parted(t[part], fit.record.target[0][part] - residual), color=colour, linestyle=style, label=label)
+        middle.plot(*parted(t[part], residual), color=colour, linestyle=style, linewidth=1.0)
     middle.axhline(0.0, color=BLACK, linewidth=0.5)
-    lower.plot(t[part], first.record.at_grid(first.record.signals["omega"])[part], color=BLACK, linewidth=1.0)
+    speed = first.record.at_grid(first.record.signals["omega"])[part]
+    lower.plot(*parted(t[part], speed), color=BLACK, linewidth=1.0)
     lower.axhline(0.0, color=BLACK, linewidth=0.5)
     upper.set_ylabel(_torque_label(d))
     middle.set_ylabel(f"residual [{d.record.unit('torque')}]")

@@ -6,21 +6,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from pmsm_ctrl.regression.least_squares import t_quantile
 from pmsm_ctrl.units import axis_unit, drives
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from pmsm_ctrl.identify.identification import Identification
     from pmsm_ctrl.identify.staircase import SweepResult
 
-__all__ = ["BLACK", "BLUE", "GREEN", "VERMILION", "friction_over_speed", "residual_figure", "scaled_by_most"]
+__all__ = [
+    "BLACK", "BLUE", "GREEN", "VERMILION", "friction_over_speed", "gaps_of", "parted", "residual_figure",
+    "scaled_by_most",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 MOST = 0.995  # share of the samples that set the scale of a residual
+GAP = 5.0  # sampling periods from which on a line over time is broken
 ROOM = 1.5  # over that scale: so far a residual is shown whole
 
 
@@ -54,6 +60,37 @@ def scaled_by_most(axes: Axes, residual: NDArray[np.float64], least: float = 0.0
     return outside
 
 
+def gaps_of(t: Array) -> NDArray[np.intp]:
+    """Return the samples before which a record ends or samples are missing; no line is drawn to them.
+
+    Parameters
+    ----------
+    t : array, shape (n,)
+
+    Returns
+    -------
+    array of int
+    """
+    step = np.diff(t)
+    return np.flatnonzero(step > GAP * np.median(step)) + 1 if step.size else np.zeros(0, dtype=np.intp)
+
+
+def parted(t: Array, y: Array) -> tuple[Array, Array]:
+    """Return a line over time that is broken at gaps.
+
+    Parameters
+    ----------
+    t, y : array, shape (n,)
+
+    Returns
+    -------
+    (array, array)
+        With a sample that is not a number in every gap.
+    """
+    at = gaps_of(t)
+    return np.insert(t, at, t[at]), np.insert(y, at, np.nan)
+
+
 def residual_figure(result: Identification) -> Figure:
     """Draw measured and predicted torque over the residual; standstill is left out."""
     shown, quantity = result.shown, drives(result.design.motion)
@@ -61,12 +98,13 @@ def residual_figure(result: Identification) -> Figure:
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     hidden = np.where(shown.mask, 1.0, np.nan)
-    upper.plot(t, shown.torque * hidden, color=BLACK, linewidth=0.6, alpha=0.6, label="measured")
-    upper.plot(t, (shown.torque - result.unexplained) * hidden, color=BLUE, linewidth=1.3, label="predicted")
+    upper.plot(*parted(t, shown.torque * hidden), color=BLACK, linewidth=0.6, alpha=0.6, label="measured")
+    predicted = (shown.torque - result.unexplained) * hidden
+    upper.plot(*parted(t, predicted), color=BLUE, linewidth=1.3, label="predicted")
     upper.set_ylabel(f"{quantity} [{unit}]")
     upper.legend(loc="upper right", fontsize="small")
     upper.set_title(f"{quantity.capitalize()}: measured and predicted, filtered; without standstill")
-    lower.plot(t, result.unexplained * hidden, color=VERMILION, linewidth=0.8)
+    lower.plot(*parted(t, result.unexplained * hidden), color=VERMILION, linewidth=0.8)
     lower.axhline(0.0, color=BLACK, linewidth=0.5)
     lower.set_ylabel(f"residual [{unit}]")
     lower.set_xlabel("time [s]")

@@ -45,14 +45,18 @@ def of_simulation(design: Design, swept: SweepResult, duration: float) -> Headli
             deviations.append(100.0 * (estimate.value / true[symbol] - 1.0))
             label += f", {deviations[-1]:+.2f} % from the simulated value"
         numbers.append((f"{estimate.value:.4g} {estimate.unit}", label))
-    numbers.append((f"{swept.rms_percent:.2f} %", "rms error between the friction line and the averaged torque"))
+    if deviations:  # of no friction there is no torque of which it would be a share
+        numbers.append((f"{swept.rms_percent:.2f} %", "rms error between the friction line and the averaged torque"))
     done = (
         f"The drive {design.name} was simulated with its sampled controllers: a speed sweep of {len(swept.levels)} "
         f"levels gives its friction, a motion of {duration:.3g} s its inertia and friction by regression."
     )
     line = tuple(block for block in swept.section().blocks if isinstance(block, Picture))[:1]
     if not deviations:
-        verdict = "The design has no Coulomb or viscous friction to compare the sweep with."
+        verdict = (
+            "The design states no Coulomb or viscous friction: identify finds it from a log, or init takes that of the "
+            "data sheet. What the sweep returns is the noise of the simulation."
+        )
         return Headline(done, verdict, None, tuple(numbers), line)
     worst = max(map(abs, deviations))
     verdict = f"The sweep returns the simulated friction within {worst:.2f} % (accepted: {ACCEPTED_PERCENT:g} %)."

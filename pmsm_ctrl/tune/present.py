@@ -163,8 +163,14 @@ def _margins(result: Tuning) -> Table:
     names = list(result.margins)
     rows = [(label, *(_number(get(result.margins[name])) for name in names)) for label, get in QUANTITIES.items()]
     highest = (_number(result.highest.get(name, math.nan)) for name in names)
-    rows.append(("highest crossover with 45 deg [Hz]", *highest))
-    return Table(("margin", *names), tuple(rows), "Margins of the sampled loops")
+    rows.append(("crossover that the delays allow [Hz]", *highest))
+    asked = result.requirements
+    caption = (
+        f"Margins of the sampled loops; required: phase margin {asked.phase_margin:g} deg, gain margin "
+        f"{asked.gain_margin_db:g} dB, sensitivity peak at most {asked.sensitivity_peak:g}. The last row is "
+        "not of these gains: there the delays leave 45 deg to a loop of a longer reset time, so of less stiffness"
+    )
+    return Table(("margin", *names), tuple(rows), caption)
 
 
 def _outcome(check: Check) -> str:

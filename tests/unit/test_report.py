@@ -8,6 +8,7 @@ import re
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -21,6 +22,8 @@ from pmsm_ctrl.diagnose.figures import contributions, plane_of
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.rendering.svg import inline_svg
 from pmsm_ctrl.report import Headline, headline_of, render
+from pmsm_ctrl.report.headline import of_simulation
+from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice, Picture, Section, Table
 from pmsm_ctrl.simulate import scenario
 from tests.browser import measured, no_browser
@@ -372,3 +375,14 @@ def test_tables_have_their_captions_and_one_section_one_title() -> None:
     assert text.count("<caption>") == 1
     assert text.index("First &amp; foremost") < text.index("F_c")
     assert "1. Only" not in text
+
+
+@pytest.mark.parametrize(("F_c", "told"), [(0.0, False), (0.02, True)])
+def test_a_design_without_friction_has_no_share_of_it_in_the_headline(designs: Path, F_c: float, told: bool) -> None:
+    """The line misses 99 % of a torque that is noise alone: no number for a first screen."""
+    bare = Design.read(designs / "seed_motor.toml").with_effect("coulomb", {"F_c": F_c}).without_effect("viscous")
+    estimates = {"F_c": Estimate(F_c + 1e-6, "N m")}
+    swept = SimpleNamespace(estimates=estimates, rms_percent=99.3, levels=(), section=lambda: Section("Sweep"))
+    headline = of_simulation(bare, swept, 10.0)
+    assert ("99.30 %" in dict(headline.numbers)) is told
+    assert ("identify finds it from a log" in headline.verdict) is not told

@@ -16,6 +16,7 @@ from pmsm_ctrl.compare.motion import Kind, motion_of
 from pmsm_ctrl.compare.notices import motion_words
 from pmsm_ctrl.compare.stretches import worst_stretches
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.identify.figures import parted
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import prepare
@@ -214,6 +215,23 @@ def test_outline_keeps_what_is_seen() -> None:
     assert len(thin_t) < 2500
     assert thin_y.max() == 5.0
     assert np.all(np.diff(thin_t) >= 0.0)
+
+
+@pytest.mark.parametrize("count", [300, 50000])
+def test_no_line_is_drawn_between_two_records(count: int) -> None:
+    t = np.concatenate([np.arange(count), np.arange(count) + 3.0 * count])
+    y = np.where(t < count, 1.0, -1.0)
+    for line_t, line_y in (outline(t, y), parted(t, y)):
+        broken = np.isnan(line_y)
+        assert broken.sum() == 1
+        assert np.all(line_y[: int(broken.argmax())] == 1.0)
+        assert np.all(line_y[int(broken.argmax()) + 1 :] == -1.0)
+        assert np.all(np.diff(line_t) >= 0.0)
+    still, rest = np.arange(50000.0), np.ones(50000)
+    rest[20000:30000] = np.nan  # a rest that is left out is no line at zero
+    drawn = outline(still, rest)[1]
+    assert np.isnan(drawn).any()
+    assert set(drawn[np.isfinite(drawn)]) == {1.0}
 
 
 @pytest.mark.data

@@ -21,7 +21,8 @@ def test_tune_prints_the_table_and_writes_what_was_asked(designs, tmp_path, caps
     out = capsys.readouterr().out
     assert status == 0
     assert "seed_motor: loops tuned; all margins are met" in out
-    assert "Margins of the sampled loops" in out
+    assert "Margins of the sampled loops; required: phase margin 30 deg, gain margin 6 dB" in " ".join(out.split())
+    assert "the delays leave 45 deg to a loop of a longer reset time" in " ".join(out.split())
     written = Design.read(files["new.toml"])
     told = json.loads(files["tuning.json"].read_text())
     assert written.loops.speed.K_p == pytest.approx(told["loops"]["speed"]["K_p"])
