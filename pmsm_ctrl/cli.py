@@ -135,16 +135,21 @@ def simulate(
 
     from pmsm_ctrl.simulate import scenario as named_scenario
     from pmsm_ctrl.simulate import simulate as run_simulation
+    from pmsm_ctrl.simulate.limited import doubts_of_simulation
 
     axis = read_design(design, effects)
     motion = named_scenario(scenario, axis, **parse_values(parameters))
     with progress_bar(f"simulate {scenario}") as progress:
         log = run_simulation(axis, motion, truth=design_if_given(truth, effects), seed=seed, progress=progress)
     log.write_csv(output)
+    doubts = doubts_of_simulation(axis, log)
+    for doubt in doubts:
+        print(f"pmsm-ctrl: {printable(output)}: warning: {doubt.text} [{doubt.code}]", file=sys.stderr)
     print(f"{printable(output)}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz")
     print(textwrap.fill(", ".join(log), initial_indent="  ", subsequent_indent="  "))
     if json_file is not None:
-        run = {"scenario": scenario, "seed": seed, "output": str(output)}
+        run: dict[str, Any] = {"scenario": scenario, "seed": seed, "output": str(output)}
+        run |= {"warnings": [one.text for one in doubts], "warning_codes": [one.code for one in doubts]}
         held = {"samples": len(log), "duration": log.duration, "rate": log.rate}
         write_json(json_file, "simulate", run | held | {"channels": {name: log.unit(name) for name in log}})
 

@@ -90,7 +90,7 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
         "simulate",
         {"scenario": TEXT, "seed": COUNT, "output": TEXT, "samples": COUNT, "duration": NUMBER, "rate": NUMBER,
          "channels": _by_name(TEXT)},
-        {},
+        DOUBTS,
     ),
     "tune": (
         "tuning",

@@ -462,6 +462,18 @@ def test_simulate_takes_parameters_of_the_motion(tmp_path: Path, designs: Path) 
     assert np.abs(omega_ref).max() == 20.0
 
 
+@pytest.mark.parametrize(("speed", "limited"), [("1e6", True), ("40", False)])
+def test_a_motion_that_the_drive_cannot_follow_is_told(
+    tmp_path: Path, designs: Path, speed: str, limited: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--scenario", "triangle", "--set", f"speed={speed}", "--set", "cycles=1", "--json", tmp_path / "x.json")
+    assert call("simulate", designs / "seed_motor.toml", "--output", tmp_path / "x.csv", *words) == 0
+    said = capsys.readouterr().err
+    assert ("the drive does not follow this motion" in said and "[at_current_limit]" in said) is limited
+    found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
+    assert found["warning_codes"] == ["at_current_limit"] * limited
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
