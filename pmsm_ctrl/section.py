@@ -31,10 +31,14 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Balance", "Block", "Notice", "Picture", "Section", "Sparkline", "Table", "Template", "Traces", "present"]
+__all__ = [
+    "Balance", "Block", "Notice", "Picture", "Section", "Sparkline", "Table", "Template", "Traces", "gaps_of",
+    "present",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 MOST_WARNINGS, MOST_ROWS = 3, 12  # of a brief section
+GAP = 5.0  # sampling periods from which on a line over time is broken
 
 
 @dataclass(frozen=True)
@@ -209,6 +213,21 @@ class Traces:
     def counting(self) -> NDArray[np.intp]:
         """The samples that count, ascending."""
         return np.arange(len(self.t)) if self.used is None else np.flatnonzero(self.used)
+
+
+def gaps_of(t: Array) -> NDArray[np.intp]:
+    """Return the samples before which a record has ended, or samples are missing; no line is drawn to them.
+
+    Parameters
+    ----------
+    t : array, shape (n,)
+
+    Returns
+    -------
+    array of int
+    """
+    step = np.diff(t)
+    return np.flatnonzero(step > GAP * np.median(step)) + 1 if step.size else np.zeros(0, dtype=np.intp)
 
 
 @dataclass(frozen=True)

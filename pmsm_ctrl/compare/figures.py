@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.notices import OBJECTIONS, motion_words
-from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION, gaps_of, scaled_by_most
+from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION, scaled_by_most
+from pmsm_ctrl.section import gaps_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

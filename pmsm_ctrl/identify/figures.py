@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pmsm_ctrl.regression.least_squares import t_quantile
+from pmsm_ctrl.section import gaps_of
 from pmsm_ctrl.units import axis_unit, drives
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from pmsm_ctrl.identify.staircase import SweepResult
 
 __all__ = [
-    "BLACK", "BLUE", "GREEN", "VERMILION", "friction_over_speed", "gaps_of", "parted", "residual_figure",
+    "BLACK", "BLUE", "GREEN", "VERMILION", "friction_over_speed", "parted", "residual_figure",
     "scaled_by_most",
 ]  # fmt: skip
 
@@ -26,7 +27,6 @@ Array = NDArray[np.float64]
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 MOST = 0.995  # share of the samples that set the scale of a residual
-GAP = 5.0  # sampling periods from which on a line over time is broken
 ROOM = 1.5  # over that scale: so far a residual is shown whole
 
 
@@ -58,21 +58,6 @@ def scaled_by_most(axes: Axes, residual: NDArray[np.float64], least: float = 0.0
         said = f"{outside} of {size.size} samples outside, up to {largest:.2g}"
         axes.text(0.01, 0.97, said, transform=axes.transAxes, fontsize="x-small", va="top")
     return outside
-
-
-def gaps_of(t: Array) -> NDArray[np.intp]:
-    """Return the samples before which a record ends or samples are missing; no line is drawn to them.
-
-    Parameters
-    ----------
-    t : array, shape (n,)
-
-    Returns
-    -------
-    array of int
-    """
-    step = np.diff(t)
-    return np.flatnonzero(step > GAP * np.median(step)) + 1 if step.size else np.zeros(0, dtype=np.intp)
 
 
 def parted(t: Array, y: Array) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.section import Traces
+from pmsm_ctrl.section import Traces, gaps_of
 
 __all__ = ["available", "live_html", "scripts", "thinned"]
 
@@ -171,9 +171,18 @@ def _record(traces: Traces, most: int) -> dict[str, Any]:
         for b in traces.balances
     ]  # fmt: skip
     return {
-        "start": float(traces.t[0]), "stop": float(traces.t[-1]), "t": _floats(traces.t[keep]), "balances": balances,
+        "start": float(traces.t[0]), "stop": float(traces.t[-1]), "t": _floats(_times(traces, keep)),
+        "balances": balances,
         "over": [_floats(values[keep]) for values in traces.coordinates.values()],
     }  # fmt: skip
+
+
+def _times(traces: Traces, keep: NDArray[np.intp]) -> Array:
+    """Return the times of the samples that are drawn; the last one before a gap has none, which breaks the lines."""
+    t = traces.t[keep].copy()
+    before = np.searchsorted(keep, gaps_of(traces.t)) - 1
+    t[before[before >= 0]] = np.nan
+    return t
 
 
 def _floats(values: Array) -> str:

@@ -84,6 +84,18 @@ def test_samples_that_do_not_count_are_neither_drawn_nor_do_they_set_a_scale() -
     assert "do not count" not in live._note((whole,))
 
 
+@pytest.mark.parametrize("most", [200, 10 * M])
+def test_the_lines_of_two_records_are_not_joined(most: int) -> None:
+    whole = traces()
+    later = replace(whole, t=np.where(np.arange(M) < 700, whole.t, whole.t + 30.0))
+    keep = live._chosen(later, most)
+    t = live._times(later, keep)
+    (gap,) = np.flatnonzero(np.isnan(t))
+    assert keep[gap] < 700 <= keep[gap + 1]
+    assert np.array_equal(np.delete(t, gap), np.delete(later.t[keep], gap))
+    assert np.isfinite(live._times(whole, keep)).all()
+
+
 def held_out_error(*names: str) -> float:
     """Rms of what is left over on both held-out records together, in percent of the measured rms."""
     balances = [one.balances[0] for one in with_held_out().held_out]
