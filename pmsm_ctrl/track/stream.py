@@ -5,6 +5,7 @@ A source may restart: a file that is replaced or cut is opened again, and its he
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,7 +17,7 @@ from pmsm_ctrl.design_parts import LogMap
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.clock import is_clock
 from pmsm_ctrl.importers.mapping import find_column, stated_factor
-from pmsm_ctrl.importers.names import guess_channel, split_header, unit_of
+from pmsm_ctrl.importers.names import counts_of, guess_channel, split_header, unit_of
 from pmsm_ctrl.importers.table import Column, Table
 from pmsm_ctrl.log import CHANNELS
 
@@ -67,8 +68,9 @@ class Header:
 
 
 def read_header(
-    line: str, mapping: Mapping[str, str] | None = None, motion: str = "rotary", *, design: LogMap | None = None
-) -> Header | None:
+    line: str, mapping: Mapping[str, str] | None = None, motion: str = "rotary", *, design: LogMap | None = None,
+    counts: int = 0,
+) -> Header | None:  # fmt: skip
     """Return the columns that a line of labels names; None for a line that is no header.
 
     Parameters
@@ -79,6 +81,8 @@ def read_header(
     motion : {"rotary", "linear"}
     design : LogMap, optional
         The [log] table of the design. What it states of columns that the stream does not have is left out.
+    counts : int
+        Encoder counts of a turn, or a metre, where the design states them.
 
     Returns
     -------
@@ -109,7 +113,10 @@ def read_header(
     for channel, (k, unit, factor) in chosen.items():
         if channel in USED:
             own = CHANNELS[channel][1 if motion == "linear" else 0]
-            columns[channel] = (k, factor * scale.get(channel, 1.0) * _to_own(labels[k], unit, own, channel in scale))
+            counted = counts > 0 and counts_of(unit or labels[k].unit) == CHANNELS[channel][0]
+            turn = 1.0 if motion == "linear" else 2.0 * math.pi
+            factor *= turn / counts if counted else _to_own(labels[k], unit, own, channel in scale)
+            columns[channel] = (k, factor * scale.get(channel, 1.0))
     return Header(separator, columns)
 
 

@@ -335,7 +335,8 @@ def _header(line: str, mapping: Mapping[str, str] | None, design: Design, known:
     """Return the header that a line is; a file that was opened again repeats it."""
     if known is not None and not LETTERS.search(line):
         return None
-    found = read_header(line, mapping, design.motion, design=design.log)
+    counts = design.sensor.encoder_counts
+    found = read_header(line, mapping, design.motion, design=design.log, counts=counts)
     if found is None:
         return None
     columns = found.columns

@@ -240,6 +240,11 @@ def test_the_table_of_the_design_names_the_columns_of_a_stream(seed: Design) -> 
     assert own is not None
     assert set(own.columns) == {"t", "theta", "i_q"}
     assert read_header("t [ms];theta [deg];i_q [A];Lagesollwert [?]\n") is not None  # a column that nothing takes
+    counted = read_header("t [ms];theta [Inc];omega [counts/s];i_q [A]\n", counts=1000)
+    assert counted is not None
+    assert counted.columns["theta"][1] == counted.columns["omega"][1] == pytest.approx(2e-3 * np.pi)
+    with pytest.raises(LogError, match="a unit that converts"):
+        read_header("t [ms];theta [Inc];i_q [A]\n")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
