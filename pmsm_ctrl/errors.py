@@ -105,7 +105,7 @@ def require_kind(value: object, kind: type, what: str) -> None:
         When it is of another type.
     """
     if not isinstance(value, kind):
-        found = "None" if value is None else f"a {type(value).__name__}"
+        found = "None" if value is None else type(value).__name__
         hint = f": {READ[kind.__name__]}" if kind.__name__ in READ else ""
         raise RequestError(f"{what}: {found} found; a {kind.__name__} was expected{hint}")
 
