@@ -52,8 +52,9 @@ def without_ending(path: str | Path, layout: Layout) -> Layout:
         return layout
     last = first + len(found) - 1
     place = f"line {first}" if first == last else f"{len(found)} lines from line {first} on"
-    note = f"text below the numbers not used: {place} ('{one_line(found[0])[:40]}')"
-    return replace(layout, end_line=first, notes=(*layout.notes, note))
+    place += f" ('{one_line(found[0])[:40]}')"
+    note = f"text below the numbers not used: {place}"
+    return replace(layout, end_line=first, ending=place, notes=(*layout.notes, note))
 
 
 def _is_text(line: str, layout: Layout) -> bool:

@@ -91,6 +91,8 @@ class Layout:
         The column that gives the time as dates.
     end_line : int
         Line number at which text follows the last row of numbers; 0 where none does.
+    ending : str
+        Which lines of text these are, for a message.
     """
 
     encoding: str
@@ -105,6 +107,7 @@ class Layout:
     notes: tuple[str, ...] = ()
     stamps: Stamps | None = None
     end_line: int = 0
+    ending: str = ""
 
     @property
     def accepts_comma(self) -> bool:

@@ -83,7 +83,7 @@ def _table(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], k
         "first row of numbers": f"line {layout.first_line}",
     }
     if layout.end_line:
-        facts["last row of numbers"] = f"before line {layout.end_line}"
+        facts["text below, not used"] = layout.ending
     notes = [*layout.notes, *_text_note(layout.header, layout.text_columns)]
     if kind != "canonical CSV":
         notes.insert(0, f"read as {layout.encoding} text, separator {facts['separator']}, decimal {mark}")
