@@ -12,7 +12,7 @@ from pmsm_ctrl.diagnose.event import Event
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.level import level_of
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
-from pmsm_ctrl.effects.structures.interface import observed_path
+from pmsm_ctrl.effects.structures.paths import observed_path
 from pmsm_ctrl.evidence.events import Burst, Search, Shift, basis_of, bursts, explained_by, shift
 from pmsm_ctrl.regression.balances import Record
 

@@ -150,8 +150,6 @@ def in_bands_of_springs(case: Case, found: Selection, shown: Collection[str]) ->
 def rings_beyond(usual: float, case: Case, found: Selection) -> bool:
     """Whether what was accepted first is a load on a spring that rings beyond the usual band, and inside a wider one.
 
-    One that a delay explains as well is an error of the sampling, which a wider band shows more of.
-
     Parameters
     ----------
     usual : float
@@ -163,7 +161,5 @@ def rings_beyond(usual: float, case: Case, found: Selection) -> bool:
     if not found.steps:
         return False
     one = found.fits[1].accepted[0]
-    if any(case.effects[name].structure.delays for name in found.steps[0].equivalents if name in case.effects):
-        return False
     resonance = one.effect.structure.resonance(one.shape)
     return resonance is not None and EDGE * usual <= resonance <= case.record.cutoff

@@ -22,7 +22,7 @@ from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Structure
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Selection, name_of
-from pmsm_ctrl.effects.structures.interface import drive_path, observed_path
+from pmsm_ctrl.effects.structures.paths import drive_path, observed_path
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import Group

@@ -19,7 +19,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.effects.structures.interface import LINE_ERROR, swings_of_angle
+from pmsm_ctrl.effects.structures.interface import LINE_ERROR
+from pmsm_ctrl.effects.structures.paths import swings_of_angle
 from pmsm_ctrl.regression.balances import Record
 
 __all__ = ["LINES", "RESOLVER", "likely_error", "line_swings", "shown_lines"]

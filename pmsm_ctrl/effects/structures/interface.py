@@ -7,7 +7,6 @@ make of it. Nothing outside `pmsm_ctrl.effects` asks which structure an effect h
 from __future__ import annotations
 
 import itertools
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.signals import INTERNAL
+from pmsm_ctrl.effects.structures.paths import drive_path, swings_of_angle
 from pmsm_ctrl.effects.structures.second_mass import SecondMass
 from pmsm_ctrl.effects.structures.views import Balances, Machine
 
@@ -25,84 +25,17 @@ if TYPE_CHECKING:
     from pmsm_ctrl.effects.base import Effect
 
 __all__ = ["Balances", "Known", "Lines", "LogView", "Machine", "Search", "SecondMass", "Structure", "UnavailableError"]
-__all__ += ["kernel_call", "swings_of_angle"]
+__all__ += ["kernel_call"]
 
 Array = NDArray[np.float64]
 Lines = dict[str, list[str]]
 MULTIPLES = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the start value, at which a parameter is searched unless told otherwise
 FEWEST_LINES, LINE_ERROR = 32.0, 0.02  # of an encoder that interpolates, and the error of that at most, in lines
 STRAIGHT_OVER = 0.02  # step of a shape's logarithm, over which a smooth prediction is a straight line
-OBSERVERS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 4e-2)  # s, 1 / w of an observer of 4 to 160 Hz
-HIGHEST_SLOPE = 4  # derivatives of the acceleration: with two a filter over several periods still looks like a spring
 
 
 class UnavailableError(Exception):
     """This log or design cannot tell anything about an effect; the message says why."""
-
-
-def drive_path(balances: Balances) -> list[dict[str, Array]]:
-    """Return what lies between the logged drive signal and the torque, shape (n,) each, as large as it may be.
-
-    Channels that are late, averaged or filtered, by a time tau, and a current loop, make a response that is smooth in
-    the frequency: a Taylor series in s tau, of the torque and of what accelerates the axis.
-
-    Parameters
-    ----------
-    balances : Balances
-    """
-    s, design = balances.signals, balances.design
-    tau = max(balances.period, design.drive.speed_period if design.motor.electrical else 0.0)
-    columns: list[Array] = []
-    for start, order in ((s["torque"], 2), (design.J * s["alpha"], HIGHEST_SLOPE)):
-        slope = start
-        for _ in range(order):
-            slope = tau * balances.rate_of(slope)
-            columns.append(slope)
-    return [{"torque": column} for column in columns]
-
-
-def observed_path(balances: Balances) -> list[dict[str, Array]]:
-    """Return what an observer makes of a speed of which nothing is stated, shape (n,) each, as large as it may be.
-
-    A tracking observer (phase-locked loop) follows ``(2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2)``. It is not late at
-    slow changes, and too large around w, as a load on a spring is: what accelerates lacks
-    ``s^2 / (2 zeta w s + w^2)`` of what is seen, here for a damping of a half, and less for a larger one.
-
-    Parameters
-    ----------
-    balances : Balances
-    """
-    if balances.angle or balances.design.log.of("omega").stated:
-        return []
-    from scipy.signal import lfilter
-
-    curved = balances.rate_of(balances.rate_of(balances.design.J * balances.signals["alpha"]))
-    columns = []
-    for tau in OBSERVERS:
-        kept = math.exp(-balances.period / tau)
-        columns.append(tau**2 * np.asarray(lfilter([1.0 - kept], [1.0, -kept], curved)))
-    return [{"torque": column} for column in columns]
-
-
-def swings_of_angle(balances: Balances, order: float, error: float) -> tuple[Array, Array]:
-    """Return the torque that a periodic error of the angle pretends, shape (n,): of its sine, and of its cosine.
-
-    Parameters
-    ----------
-    balances : Balances
-    order : float
-        Periods of a turn.
-    error : float
-        Amplitude, rad.
-
-    Returns
-    -------
-    (array, array)
-        Inertia times second derivative, at the log's rate.
-    """
-    waves = (error * wave(order * balances.signals["theta"]) for wave in (np.sin, np.cos))
-    sine, cosine = (balances.design.J * balances.rate_of(balances.rate_of(one)) for one in waves)
-    return sine, cosine
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,9 @@ from pmsm_ctrl.effects.structures.interface import (
     Machine,
     SecondMass,
     Structure,
-    drive_path,
     kernel_call,
-    observed_path,
 )
+from pmsm_ctrl.effects.structures.paths import drive_path, observed_path
 from pmsm_ctrl.errors import DesignError
 
 if TYPE_CHECKING:

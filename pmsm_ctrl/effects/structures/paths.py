@@ -1,0 +1,82 @@
+"""What lies between an axis and its log: the path of the drive signal, observers, periodic errors of the angle."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.effects.structures.views import Balances
+
+__all__ = ["drive_path", "observed_path", "swings_of_angle"]
+
+Array = NDArray[np.float64]
+
+OBSERVERS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 4e-2)  # s, 1 / w of an observer of 4 to 160 Hz
+HIGHEST_SLOPE = 4  # derivatives of the acceleration: with two a filter over several periods still looks like a spring
+
+
+def drive_path(balances: Balances) -> list[dict[str, Array]]:
+    """Return what lies between the logged drive signal and the torque, shape (n,) each, as large as it may be.
+
+    Channels that are late, averaged or filtered, by a time tau, and a current loop, make a response that is smooth in
+    the frequency: a Taylor series in s tau, of the torque and of what accelerates the axis.
+
+    Parameters
+    ----------
+    balances : Balances
+    """
+    s, design = balances.signals, balances.design
+    tau = max(balances.period, design.drive.speed_period if design.motor.electrical else 0.0)
+    columns: list[Array] = []
+    for start, order in ((s["torque"], 2), (design.J * s["alpha"], HIGHEST_SLOPE)):
+        slope = start
+        for _ in range(order):
+            slope = tau * balances.rate_of(slope)
+            columns.append(slope)
+    return [{"torque": column} for column in columns]
+
+
+def observed_path(balances: Balances) -> list[dict[str, Array]]:
+    """Return what an observer makes of a speed of which nothing is stated, shape (n,) each, as large as it may be.
+
+    A tracking observer (phase-locked loop) follows ``(2 zeta w s + w^2) / (s^2 + 2 zeta w s + w^2)``. It is not late at
+    slow changes, and too large around w, as a load on a spring is: what accelerates lacks
+    ``s^2 / (2 zeta w s + w^2)`` of what is seen, here for a damping of a half, and less for a larger one.
+
+    Parameters
+    ----------
+    balances : Balances
+    """
+    if balances.angle or balances.design.log.of("omega").stated:
+        return []
+    from scipy.signal import lfilter
+
+    curved = balances.rate_of(balances.rate_of(balances.design.J * balances.signals["alpha"]))
+    columns = []
+    for tau in OBSERVERS:
+        kept = math.exp(-balances.period / tau)
+        columns.append(tau**2 * np.asarray(lfilter([1.0 - kept], [1.0, -kept], curved)))
+    return [{"torque": column} for column in columns]
+
+
+def swings_of_angle(balances: Balances, order: float, error: float) -> tuple[Array, Array]:
+    """Return the torque that a periodic error of the angle pretends, shape (n,): of its sine, and of its cosine.
+
+    Parameters
+    ----------
+    balances : Balances
+    order : float
+        Periods of a turn.
+    error : float
+        Amplitude, rad.
+
+    Returns
+    -------
+    (array, array)
+        Inertia times second derivative, at the log's rate.
+    """
+    waves = (error * wave(order * balances.signals["theta"]) for wave in (np.sin, np.cos))
+    sine, cosine = (balances.design.J * balances.rate_of(balances.rate_of(one)) for one in waves)
+    return sine, cosine
