@@ -74,7 +74,8 @@ def together(case: Case, found: Selection) -> Selection:
 def standing(case: Case, found: Selection) -> Selection:
     """Return the selection without effects that do not pass beside those that came after them.
 
-    What was named while others were missing may have stood in for them. A wave with an order of its own does not.
+    What was named while others were missing may have stood in for them. A wave with an order of its own does not. Where
+    less is left by those up to it than by the others, it is the later ones that go.
 
     Parameters
     ----------
@@ -88,9 +89,18 @@ def standing(case: Case, found: Selection) -> Selection:
         _, falling = _judged(case, accepted, steps, asked)
         if falling is None:
             break
+        alone = found.fits[falling + 1]
         del accepted[falling], steps[falling]
-        found = _built(case, accepted, steps)
+        without = _built(case, accepted, steps)
+        found = _as_far_as(case, found, falling + 1) if alone.plain.chi2 < without.fit.plain.chi2 else without
     return found
+
+
+def _as_far_as(case: Case, found: Selection, count: int) -> Selection:
+    """Return the first effects of a selection: the others contradict one of them, and explain less."""
+    gone = {name_of(step.trial): Refusal(Reason.NOT_NEEDED) for step in found.steps[count:]}
+    fits = (*found.fits[:count], case.fit(found.accepted[:count]))
+    return Selection(fits, found.steps[:count], {**found.refused, **gone})
 
 
 def _in_part(found: Selection, policy: Policy) -> Iterator[Trial]:
