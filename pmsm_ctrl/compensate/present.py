@@ -78,9 +78,10 @@ def _recommended(result: CompensationStudy) -> tuple[str, ...]:
         return ("Why no compensation: no safe gain lowers the RMS error in the worst of the motions.",)
     chosen = best.compensation
     others = ", ".join(f"{_named(source)} {percent(left, 0)}" for source, left in found.others.items())
+    where = f", {found.worst}" if found.worst else ""
     said = (
         f"Why {_named(chosen.source)}: at safe gains no other source leaves less of the RMS error, "
-        f"{percent(found.rms, 0)} in the worst of the motions and parameter errors ({others})."
+        f"{percent(found.rms, 0)} in the worst of the motions and parameter errors{where} ({others})."
     )
     if chosen.source == "observer" and (observer := result.observer) is not None:
         margins = f"{observer.before.phase_margin:.0f} to {observer.after.phase_margin:.0f} deg"

@@ -30,11 +30,14 @@ class Recommendation:
         Worst RMS error left over motions and parameter errors, as a share of that without compensation.
     others : dict of str to float
         The worst RMS error left by every other source at its own best safe gain; 1 where no gain is safe or lowers it.
+    worst : str
+        The motion, and its plant, on which that error is left.
     """
 
     compensation: Compensation
     rms: float
     others: Mapping[str, float]
+    worst: str = ""
 
     @property
     def gain(self) -> float:
@@ -109,6 +112,7 @@ def recommended(
     return Recommendation(
         stated.model_copy(update=changed), _left(windows[source]),
         {other: _left(window) for other, window in windows.items() if other != source},
+        dict(zip(windows[source].gains.tolist(), windows[source].worst, strict=False)).get(_best(windows[source]), ""),
     )  # fmt: skip
 
 

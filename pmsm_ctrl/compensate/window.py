@@ -46,6 +46,8 @@ class GainWindow:
         The motion on which the next gain of the sweep is not safe; empty at the end of the sweep.
     count : float
         Angle of an encoder count, rad (m), in which limit cycles are measured; 0 for an ideal encoder.
+    worst : tuple of str
+        For each gain the motion with the worst RMS error; "" without compensation, and empty where it is not known.
     """
 
     source: str
@@ -58,6 +60,7 @@ class GainWindow:
     hint: float | None = None
     limited_by: str = ""
     count: float = 0.0
+    worst: tuple[str, ...] = ()
 
     @property
     def cycle_counts(self) -> Array:
@@ -112,22 +115,24 @@ def gain_window(
     plain = {name: run(0.0, 1.0, name) for name in names}
     rms, peak, cycle = np.ones(swept.size), np.ones(swept.size), np.zeros(swept.size)
     cycle[0] = max(metrics.cycle_amplitude for metrics in plain.values())
-    limits = [""] * swept.size
+    limits, worst_on = [""] * swept.size, [""] * swept.size
     for k, gain in enumerate(swept[1:].tolist(), start=1):
         worst = {name: _worst([run(gain, f, name) for f in FACTORS], plain[name], resolution) for name in names}
         moving = {name: found for name, found in worst.items() if name not in resting}
         rms[k], peak[k] = (max(found[n] for found in moving.values()) for n in (0, 1))
         cycle[k] = max(found[2] for found in worst.values())
         by_cycle = max(worst, key=lambda name: worst[name][2])
-        limits[k] = by_cycle if worst[by_cycle][2] > 0.0 else max(moving, key=lambda name: moving[name][0])
+        worst_on[k] = max(moving, key=lambda name: moving[name][0])
+        limits[k] = by_cycle if worst[by_cycle][2] > 0.0 else worst_on[k]
     good = (cycle == 0.0) & (rms <= WORSE)
     good[0] = True
     reach = int(np.argmin(good)) - 1 if not good.all() else swept.size - 1
     best = int(np.argmin(rms[: reach + 1]))
     limited = limits[reach + 1] if reach + 1 < swept.size else ""
     return GainWindow(
-        source, swept, rms, peak, cycle, float(swept[reach]), float(swept[best]), limited_by=limited, count=resolution
-    )
+        source, swept, rms, peak, cycle, float(swept[reach]), float(swept[best]), limited_by=limited, count=resolution,
+        worst=tuple(worst_on),
+    )  # fmt: skip
 
 
 def _worst(found: list[Metrics], plain: Metrics, resolution: float) -> tuple[float, float, float]:

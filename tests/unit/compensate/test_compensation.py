@@ -592,6 +592,16 @@ def test_a_window_holds_with_presliding_too(design: Design) -> None:
     assert found["rigid"].limited_by == ""
 
 
+def test_a_window_names_the_motion_with_the_worst_error() -> None:
+    def run(gain: float, factor: float, name: str) -> Metrics:
+        left = 1.0 - (0.9 if name == "fast" else 0.2) * gain
+        return Metrics(left, left, left, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    window = gain_window(run, ["fast", "slow", "rest"], "reference", gains=(0.5, 1.0), at_rest=["rest"])
+    assert window.worst == ("", "slow", "slow")
+    assert window.rms.tolist() == pytest.approx([1.0, 0.9, 0.8])
+
+
 def test_a_bristle_is_assumed_once_and_only_with_dry_friction(design: Design) -> None:
     bristled = with_bristle(design)
     assert bristled is not None
