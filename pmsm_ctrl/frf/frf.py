@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import DesignError, LogError, RequestError
+from pmsm_ctrl.errors import DesignError, LogError, RequestError, require_kind
 from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.fit import Axis, fit_axis
@@ -75,7 +75,10 @@ def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
         When a channel is missing, nothing is excited, or the response does not determine the inertia.
     DesignError
         When a measured speed loop is given to a design without loops or motor data.
+    RequestError
+        When the first argument is no design.
     """
+    require_kind(design, Design, "design")
     if isinstance(logs, MeasuredBode):
         shown = {} if logs.kind == "plant" else {"speed": _closed(logs)}
         J = guessed_inertia(logs.plant) if design.motor.J is None else design.J

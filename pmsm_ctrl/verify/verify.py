@@ -12,8 +12,8 @@ from scipy.stats import t as student
 
 from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError, NextCommand
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.errors import LogError, NextCommand, require_kind
+from pmsm_ctrl.log import Log, as_logs
 from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.result import Estimate
@@ -58,9 +58,11 @@ def verify(design: Design, before: Log, after: Log, *, seed: int = 0) -> Verific
     LogError
         When a log lacks a channel.
     RequestError
-        When the design compensates nothing, or by a disturbance observer.
+        When the design compensates nothing, or by a disturbance observer; when the first argument is no design or the
+        others are no logs.
     """
-    found = [_completed(log) for log in (before, after)]
+    require_kind(design, Design, "design")
+    found = [_completed(log) for log in as_logs((before, after))]
     channel = _channel(found)
     records = [_record(design, log, channel) for log in found]
     expected = design.compensation.gain or 1.0
