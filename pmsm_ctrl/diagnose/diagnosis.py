@@ -85,6 +85,8 @@ __all__ = ["condition", "diagnose", "finished", "searched"]
 # Verdicts after which a name is looked for in other bands: those of a log that belongs to its design, and shows it.
 NOTHING_NAMED = (Verdict.CONSISTENT, Verdict.INCONCLUSIVE, Verdict.UNEXPLAINED)
 
+LEADS = 2  # times that a lead of the drive signal is taken out: the first one may be too small
+
 Progress = Callable[[float], None]
 Taken = Callable[[Selection], None]
 
@@ -183,7 +185,9 @@ def _answer(case: Case, plan: bool, progress: Progress) -> tuple[Case, Diagnosis
     if case.believed is not None and case.believed.contradictions:
         return case, outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
     found = searched(without_what_happened_once(case), plan, progress)
-    while (later := not_ahead(found)) is not None:
+    for _ in range(LEADS):
+        if (later := not_ahead(found)) is None:
+            break
         found = searched(without_what_happened_once(later), plan, progress)
     late = with_its_delay(case)
     return found if late is None else better_late(found, searched(without_what_happened_once(late), plan, progress))
