@@ -150,6 +150,8 @@ def in_bands_of_springs(case: Case, found: Selection, shown: Collection[str]) ->
 def rings_beyond(usual: float, case: Case, found: Selection) -> bool:
     """Whether what was accepted first is a load on a spring that rings beyond the usual band, and inside a wider one.
 
+    It is most of what the wider band leaves: noise and the sampling of a drive are larger there.
+
     Parameters
     ----------
     usual : float
@@ -158,7 +160,7 @@ def rings_beyond(usual: float, case: Case, found: Selection) -> bool:
         In the wider one.
     found : Selection
     """
-    if not found.steps:
+    if not found.steps or found.steps[0].evidence.explained < case.policy.above_floor:
         return False
     one = found.fits[1].accepted[0]
     resonance = one.effect.structure.resonance(one.shape)

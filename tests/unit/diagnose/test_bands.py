@@ -79,14 +79,23 @@ def test_no_band_is_wider_than_the_log_holds(seed_motor: Design) -> None:
 
 
 @pytest.mark.parametrize(
-    ("resonance", "counts"), [(63.0, True), (33.0, True), (31.0, False), (65.0, False), (None, False)]
+    ("resonance", "explained", "counts"),
+    [
+        (63.0, 0.6, True),
+        (33.0, 0.6, True),
+        (31.0, 0.6, False),
+        (65.0, 0.6, False),
+        (None, 0.6, False),
+        (63.0, 0.4, False),
+    ],
 )
-def test_what_rings_beyond_both_bands_or_inside_the_usual_one_does_not_count(
-    resonance: float | None, counts: bool
+def test_what_rings_beyond_both_bands_or_inside_the_usual_one_or_is_a_minor_part_does_not_count(
+    resonance: float | None, explained: float, counts: bool
 ) -> None:
-    case: Any = SimpleNamespace(record=SimpleNamespace(cutoff=64.0))
+    case: Any = SimpleNamespace(record=SimpleNamespace(cutoff=64.0), policy=POLICY)
+    step = SimpleNamespace(evidence=SimpleNamespace(explained=explained))
     first = SimpleNamespace(effect=tried("spring", resonance).candidate.effect, shape={})
-    found: Any = SimpleNamespace(steps=("step",), fits=(None, SimpleNamespace(accepted=(first,))))
+    found: Any = SimpleNamespace(steps=(step,), fits=(None, SimpleNamespace(accepted=(first,))))
     assert rings_beyond(40.0, case, found) is counts
     assert not rings_beyond(40.0, case, SimpleNamespace(steps=()))  # type: ignore[arg-type]
 
