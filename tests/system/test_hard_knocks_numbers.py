@@ -120,6 +120,7 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
     "a microsecond per sample": (SHORT, "dtheta/dt is 1000 times omega"),
     "a second per sample": (SHORT, "dtheta/dt is 0.001 times omega"),
     "constant": (SHORT, "i_q is constant"),
+    "standstill with a noisy speed": (EVALUATIONS, "samples are usable below 40 Hz"),
     "a speed that alternates": (EVALUATIONS, "moves for too short a time"),
 }
 # What is answered, but must be doubted: the code of the notice.
