@@ -112,7 +112,7 @@ def recommended(
     return Recommendation(
         stated.model_copy(update=changed), _left(windows[source]),
         {other: _left(window) for other, window in windows.items() if other != source},
-        dict(zip(windows[source].gains.tolist(), windows[source].worst, strict=False)).get(_best(windows[source]), ""),
+        windows[source].worst[_place(windows[source])] if windows[source].worst else "",
     )  # fmt: skip
 
 
@@ -123,14 +123,18 @@ def _least(windows: Mapping[str, GainWindow]) -> str:
     return source if source and left[source] < 1.0 else ""
 
 
-def _best(window: GainWindow) -> float:
-    """Return the safe gain that leaves least, at most 1: above it only parameters that are too low gain."""
+def _place(window: GainWindow) -> int:
+    """Where the safe gain stands that leaves least, at most 1: above it only parameters that are too low gain."""
     allowed = window.gains <= min(window.safe, FULL)
-    return float(window.gains[int(np.argmin(np.where(allowed, window.rms, np.inf)))])
+    return int(np.argmin(np.where(allowed, window.rms, np.inf)))
+
+
+def _best(window: GainWindow) -> float:
+    return float(window.gains[_place(window)])
 
 
 def _left(window: GainWindow) -> float:
-    return float(window.rms[window.gains == _best(window)][0])
+    return float(window.rms[_place(window)])
 
 
 def _with_half(window: GainWindow, sweep: Sweep) -> GainWindow:

@@ -64,8 +64,8 @@ class Case:
         surely of the same size in half the band.
     surely : bool
         Whether a first effect has to be of the same size there in any case.
-    shown : frozenset of str or None
-        Ids that may be named: of a drive signal that is ahead, what stood beside a delay; None: any.
+    nameable : frozenset of str or None
+        Ids that may be named, in any band: of a drive signal that is ahead, what stood beside a delay; None: any.
     beyond : Beyond or None
         Orders of a turn that are too fast for the band of the record.
     bands : dict of float to Case or None
@@ -90,7 +90,7 @@ class Case:
     anew: Callable[..., Case] | None = field(default=None, repr=False)
     minor_too: bool = False
     surely: bool = False
-    shown: frozenset[str] | None = None
+    nameable: frozenset[str] | None = None
     beyond: Beyond | None = None
     bands: dict[float, Case | None] = field(default_factory=dict, repr=False)
     fits: list[Fitted] = field(default_factory=list, repr=False)

@@ -375,6 +375,7 @@ def _selected(
 def condition(
     design: Design, log: Logs, holdouts: tuple[Log, ...], offered: Mapping[str, Effect], policy: Policy,
     made: Made | None = None, shown: Design | None = None, first: Case | None = None, band: float | None = None,
+    nameable: frozenset[str] | None = None,
 ) -> Case:  # fmt: skip
     """Condition the log, and the held-out ones in the same way.
 
@@ -394,6 +395,8 @@ def condition(
         The same log conditioned without these, or in its usual band.
     band : float, optional
         Low-pass, Hz, in place of the one that the log calls for.
+    nameable : frozenset of str, optional
+        Ids that may be named; any where left out.
 
     Returns
     -------
@@ -425,11 +428,11 @@ def condition(
         others.append(other_record(design, held_out.log, record, zero))
         remarks += map(of_holdout, held_out.notices)
     names = tuple(name_of_log(one, number) for number, one in enumerate(holdouts, start=1))
-    again = partial(condition, design, log, holdouts, offered, policy, made)
+    again = partial(condition, design, log, holdouts, offered, policy, made, nameable=nameable)
     long = len(record.mask) > SINGLE
     return Case(
         whole, record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
         name=names_of(as_logs(log), "the given log"), given=design, beyond=beyond,
         conditioned_with=None if long or (shown and not anew) else partial(again, band=band), in_band=again,
-        anew=partial(condition, design, log, holdouts, offered, policy),
+        anew=partial(condition, design, log, holdouts, offered, policy), nameable=nameable,
     )  # fmt: skip

@@ -115,8 +115,8 @@ def not_ahead(found: tuple[Case, Diagnosis]) -> Case | None:
     if ahead <= 0.0:
         return None
     ahead -= min(case.record.timing.late, 0.0)
-    later: Case = case.anew(made=replace(Made.kept(case.believed.log), ahead=ahead), first=case)
-    return replace(later, shown=frozenset(one.effect.id for one in fit.accepted if not one.effect.structure.delays))
+    names = frozenset(one.effect.id for one in fit.accepted if not one.effect.structure.delays)
+    return case.anew(made=replace(Made.kept(case.believed.log), ahead=ahead), first=case, nameable=names)
 
 
 def _with(case: Case, delay: Effect) -> Design:

@@ -219,7 +219,7 @@ def passes(
     if refusal is None and not more_to_come:
         refusal = unlike_in_half(case, fit, after, sure) or judge_size(case, after)
         refusal = refusal or unlike_above(case, after)
-    if refusal is None and case.shown is not None and trial.candidate.effect.id not in case.shown:
+    if refusal is None and case.nameable is not None and trial.candidate.effect.id not in case.nameable:
         refusal = Refusal(Reason.LIKE_COMMAND)
     if refusal is not None:
         return refusal

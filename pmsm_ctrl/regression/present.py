@@ -86,4 +86,5 @@ def spread_sentence(spreads: Sequence[RecordSpread]) -> str | None:
     first = spreads[0] if spreads else None
     if first is None:
         return None
-    return f"{said}. Of the first {with_prefix(first.assumed, first.unit)} are assumed beforehand, as one more record."
+    assumed = f"{with_prefix(first.assumed, first.unit)} of {SYMBOLS[first.symbol]}"
+    return f"{said}. An assumed {assumed} counts as one more record."

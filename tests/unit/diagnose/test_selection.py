@@ -68,7 +68,7 @@ class FakeCase:
     """Fits nothing: a fit is the ids that are in it."""
 
     policy, minor_too, surely = POLICY, False, False
-    shown: frozenset[str] | None = None
+    nameable: frozenset[str] | None = None
 
     def fit(self, ids: tuple[str, ...]) -> Any:
         return SimpleNamespace(accepted=ids, trials=())
@@ -112,7 +112,7 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
         so_far = Selection((fit,), steps, {"z": Refusal(Reason.TOO_SMALL)})  # type: ignore[arg-type]
         case = FakeCase()
         case.minor_too, case.surely = given.get("minor_too", False), given.get("surely", False)
-        case.shown = given.get("shown")
+        case.nameable = given.get("nameable")
         return best(case, so_far, given.get("start", ()))  # type: ignore[arg-type]
 
     return play
@@ -140,7 +140,7 @@ def test_an_effect_that_the_fast_torque_alone_makes_is_refused_before_the_refit(
 
 
 def test_beside_a_command_that_is_ahead_nothing_is_named_that_was_not_beside_a_delay(round_of: Any) -> None:
-    found = round_of(["a", "b"], {}, {}, shown=frozenset("b"))
+    found = round_of(["a", "b"], {}, {}, nameable=frozenset("b"))
     assert found.fit.accepted == ("b",)
     assert found.refused["a"].reason is Reason.LIKE_COMMAND
 

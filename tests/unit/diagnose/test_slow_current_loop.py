@@ -10,6 +10,12 @@ import pytest
 from pmsm_ctrl import Design, Log
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.bands import conditioned_in
+from pmsm_ctrl.diagnose.candidates import offered_effects
+from pmsm_ctrl.diagnose.diagnosis import condition, searched
+from pmsm_ctrl.diagnose.late import not_ahead
+from pmsm_ctrl.diagnose.policy import POLICY
+from pmsm_ctrl.effects.catalogue import catalogue_of
 from tests.effort import seeds
 
 J, F_C, F_V, K_T, LAG = 1e-4, 0.02, 1e-4, 0.6, 1.0 / (2.0 * np.pi * 40.0)
@@ -71,3 +77,18 @@ def test_an_effect_beside_it_is_named_and_compare_reads_the_log_alike() -> None:
     assert found.steps[0].parameters["k_2"].value == pytest.approx(2e-5, rel=0.05)
     error = compare(found.design, log).log.errors["torque"].relative
     assert error == pytest.approx(found.errors["final"]["torque"]["relative"], rel=1e-2)
+
+
+def test_what_may_be_named_is_the_same_in_every_band_and_however_the_log_is_conditioned() -> None:
+    """A name in half of the band is as much what the current loop leaves as one in the whole."""
+    begun = condition(DESIGN, (commanded(1),), (), offered_effects(catalogue_of(DESIGN), None), POLICY)
+    later = not_ahead(searched(begun, False, lambda share: None))
+    assert later is not None
+    assert later.nameable == frozenset()
+    half = conditioned_in(0.5 * later.record.cutoff, later)
+    assert half is not None
+    assert later.conditioned_with is not None
+    again = later.conditioned_with(DESIGN.add_effect("quadratic_drag", {"k_2": 2e-5}), later)
+    for one in (half, again):
+        assert one.nameable == frozenset()
+        assert one.record.timing.late == later.record.timing.late < -1e-3
