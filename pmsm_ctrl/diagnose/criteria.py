@@ -5,6 +5,7 @@ Each returns a `Refusal`, or None where the effect passes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -381,22 +382,32 @@ def left_inside(share: float, p_inside: float, beyond: Refusal, policy: Policy =
 
 
 def determined(
-    values: Mapping[str, tuple[float, float]], ran_out: bool, policy: Policy = POLICY
-) -> Refusal | None:  # fmt: skip
+    values: Mapping[str, tuple[float, float]], tried: int, ran_out: bool, policy: Policy = POLICY
+) -> Refusal | None:
     """Check that the log determines how large an effect is.
+
+    Its amplitudes and their errors are those that are reported: of all samples, and beside everything else. One of them
+    has to differ from zero with the certainty that the F-test asks for, which weighs samples and frequencies its own
+    way: Bonferroni's correction for the amplitudes and for everything that was tried.
 
     Parameters
     ----------
     values : dict of parameter to (value, stderr)
         Of its amplitudes; none where it has no column of its own.
+    tried : int
+        Shapes of all candidates that could have been named in its place.
     ran_out : bool
         Whether its shape wants to be outside of the range that was searched: there is no optimum inside.
     policy : Policy
     """
     if ran_out:
         return Refusal(Reason.PARAMETER_AT_BOUND)
-    if values and all(abs(value) <= policy.sure_errors * stderr for value, stderr in values.values()):
-        name, (value, stderr) = next(iter(values.items()))
+    free = {name: one for name, one in values.items() if not math.isnan(one[1])}  # not what is held
+    if not free:
+        return None
+    name, (value, stderr) = max(free.items(), key=lambda one: abs(one[1][0]) / max(one[1][1], 1e-300))
+    p = math.erfc(abs(value) / max(stderr, 1e-300) / math.sqrt(2.0))
+    if p * len(free) * tried > policy.significance:
         return Refusal(Reason.NOT_DETERMINED, {"parameter": name, "value": value, "stderr": stderr})
     return None
 

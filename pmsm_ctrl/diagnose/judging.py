@@ -233,13 +233,14 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
     last = after.accepted[-1]
     own = columns[-len(trial.values) :] if after.position(len(after.accepted) - 1) is not None else ()
     amplitudes = {model.names[k]: (float(inside.values[k]), stderr[k]) for k in own}
-    refusal = criteria.determined(amplitudes, _ran_out(last), policy) or judge_sampling(after, policy)
+    tried = max(trial.candidate.searched, 1) * len(before.trials)
+    refusal = criteria.determined(amplitudes, tried, _ran_out(last), policy) or judge_sampling(after, policy)
     beyond = outside(after.plain, base)
     if refusal is not None or beyond is None:
         return refusal
     share, k = left_inside(before, after), len(trial.values)
     p = f_tail(trial.gain * share / k, k, max(after.solved.rows - after.solved.rank, 1))
-    return criteria.left_inside(share, p * trial.candidate.searched * len(before.trials), beyond, policy)
+    return criteria.left_inside(share, p * tried, beyond, policy)
 
 
 def _ran_out(one: Accepted) -> bool:

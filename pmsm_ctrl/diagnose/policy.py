@@ -23,7 +23,8 @@ class Policy:
     Attributes
     ----------
     significance : float
-        Family-wise p-value of the F-test after Holm's correction. A convention. Set on: clean.
+        Family-wise p-value of the F-test after Holm's correction, and of the size with the errors that are reported. A
+        convention. Set on: clean.
     block_errors : float
         The mean cross-validation gain must exceed zero by this many standard errors; that of a minor effect with a
         memory by twice as many, and by as many beside its rivals. In 2,258 clean worlds minor gaps and presliding that
@@ -104,9 +105,8 @@ class Policy:
         least the share `rival_share` of its gain. Set on: plant.
     sure_errors : float
         Standard errors beyond which a parameter deviates from its nominal value, its tolerance or its bounds. With
-        four, a delay is named in one of 56 clean logs. The size of an effect must exceed zero by as many. Where a shape
-        carries it: of 27 right names of presliding the smallest is 6, of four false ones three have 0.4 to 2.2. Else:
-        of 61 right names the smallest is 5.0, one of five false ones has 2.5.
+        four, a delay is named in one of 56 clean logs. The size that a shape carries must exceed zero by as many: of 27
+        right names of presliding the smallest is 6, of four false ones three have 0.4 to 2.2.
     tolerance : float
         Tolerance of a parameter for which the design states none, as a share. Hot copper, or a resistance measured
         between two phases, is one and a half times or twice the design's.

@@ -259,12 +259,25 @@ def test_no_effect_makes_a_log_contradict_its_design() -> None:
 
 
 def test_the_log_has_to_determine_how_large_an_effect_is() -> None:
-    assert criteria.determined({"a_s": (0.1, 0.2), "a_c": (0.4, 0.1)}, False) is None
-    assert criteria.determined({}, False) is None
-    assert reason(criteria.determined({"dF_c": (2.5e4, 2.5e4)}, False)) is Reason.NOT_DETERMINED
+    assert criteria.determined({"a_s": (0.1, 0.2), "a_c": (0.8, 0.1)}, 20, False) is None
+    assert criteria.determined({}, 20, False) is None
+    assert criteria.determined({"k_i": (0.0, float("nan"))}, 20, False) is None, "held: it has no error"
+    assert reason(criteria.determined({"dF_c": (2.5e4, 2.5e4)}, 20, False)) is Reason.NOT_DETERMINED
     saturation = {"k_s": (0.0149, 0.0060)}  # of a clean log in a held reference (920142), at p < 1e-12
-    assert reason(criteria.determined(saturation, False)) is Reason.NOT_DETERMINED
-    assert reason(criteria.determined({"dF_c": (1.0, 0.1)}, True)) is Reason.PARAMETER_AT_BOUND
+    assert reason(criteria.determined(saturation, 20, False)) is Reason.NOT_DETERMINED
+    assert reason(criteria.determined({"dF_c": (1.0, 0.1)}, 20, True)) is Reason.PARAMETER_AT_BOUND
+
+
+def test_a_size_pays_for_the_shapes_that_were_tried() -> None:
+    """An order of a turn on a measured robot joint, of 590, beside 16 other candidates: the F-test had p = 3e-35."""
+    cogging = {"a_s": (-0.042, 0.087), "a_c": (0.293, 0.075)}
+    refusal = criteria.determined(cogging, 590 * 17, False)
+    assert refusal is not None
+    assert (refusal.reason, refusal.detail["parameter"]) == (Reason.NOT_DETERMINED, "a_c")
+    assert criteria.determined(cogging, 1, False) is None
+    # a two-sided normal tail of 0.01 / 20 is 3.4808 standard errors (Abramowitz and Stegun, table 26.1)
+    assert criteria.determined({"T_0": (3.49, 1.0)}, 20, False) is None
+    assert reason(criteria.determined({"T_0": (3.47, 1.0)}, 20, False)) is Reason.NOT_DETERMINED
 
 
 def test_an_effect_on_the_torque_raises_no_error() -> None:
