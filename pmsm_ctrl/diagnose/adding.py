@@ -168,8 +168,8 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
     base = fit.held_alike(made)
     table = {
         "nominal": errors_table(case.record, errors(prediction.record, prediction.residual)),
-        "base": errors_table(case.record, errors(base.record, base.residual)),
-        "final": errors_table(case.record, errors(made.record, made.residual)),
+        "base": errors_table(case.record, errors(base.record, base.left)),
+        "final": errors_table(case.record, errors(made.record, made.left)),
     }
     rms, relative = torque_error(written, as_compared(written, case.record, case.believed.log))
     own = {"rms": rms, "unit": case.record.unit("torque"), "relative": relative}

@@ -251,7 +251,7 @@ class Stepwise(Result):
             where no turn is slow enough for an order. None for a linear axis, which has no turns.
         """
         if held_out is None:
-            record, residual = self._fit.record, self._fit.residual
+            record, residual = self._fit.record, self._fit.left
         else:
             record, residual = self._case.held_out(self._fit, held_out)
         if record.linear:
@@ -398,5 +398,5 @@ def stepwise(
 
 
 def _model_errors(case: Case, fit: Fitted, name: str) -> ModelErrors:
-    own, other = errors(fit.record, fit.residual), case.holdout_errors(fit)
+    own, other = errors(fit.record, fit.left), case.holdout_errors(fit)
     return ModelErrors(name, errors_table(case.record, own), errors_table(case.record, other))

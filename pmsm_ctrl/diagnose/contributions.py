@@ -126,8 +126,8 @@ def contributions_of(fit: Fitted, channel: str, direction: Array) -> Contributio
     record = fit.record
     if channel not in record.channels:
         raise RequestError(f"unknown balance '{channel}': this log has {', '.join(record.channels)}")
-    row, predicted = record.channels.index(channel), fit.estimate.predicted()
-    here = Elsewhere(record, fit.model, fit.estimate.values, predicted)
+    row, predicted = record.channels.index(channel), record.target - fit.left
+    here = Elsewhere(record, fit.model, fit.values, predicted)
     parts = parts_of(record.design, fit, here, row, direction)
     rest = predicted[row] - sum(parts.values(), np.zeros_like(predicted[row]))
     unit, measured = record.unit(channel), record.target[row]

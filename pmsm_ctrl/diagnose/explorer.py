@@ -96,7 +96,7 @@ def traces_between(
         own = tuple(b for b in (_balance(c, drive, floor) for c in one.contributions.values()) if b.name in known)
         before = next(iter(one.contributions.values()))
         held.append(_traces(one.record, own, before.residual(tuple(before.effects)), one.name))
-    return replace(_traces(fit.record, shown, first.residual[0], name), held_out=tuple(held))
+    return replace(_traces(fit.record, shown, first.left[0], name), held_out=tuple(held))
 
 
 def _traces(record: Record, balances: tuple[Balance, ...], residual: Array, name: str) -> Traces:

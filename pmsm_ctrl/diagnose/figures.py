@@ -169,7 +169,7 @@ def plane_of(d: Diagnosis) -> Plane:
         within = f"angle in a wave of order {order:g} [rad]" if order != 1.0 else "angle in a turn [rad]"
         planes.append(Plane("position", within, np.mod(order * theta, 2.0 * np.pi)))
     omega = record.at_grid(record.signals["omega"])
-    shares = [_explained(omega[used], p.values[used], first.residual[0][used]) for p in planes]
+    shares = [_explained(omega[used], p.values[used], first.left[0][used]) for p in planes]
     return planes[int(np.argmax(shares))]
 
 
@@ -222,7 +222,7 @@ def _maps(d: Diagnosis, fits: Sequence[Fitted], titles: Sequence[str]) -> Figure
     used = fits[0].record.mask
     omega = fits[0].record.at_grid(fits[0].record.signals["omega"])[used]
     x, y = _edges(omega, CELLS[0]), _edges(plane.values[used], CELLS[1])
-    cells = [_cells(omega, plane.values[used], fit.residual[0][used], x, y) for fit in fits]
+    cells = [_cells(omega, plane.values[used], fit.left[0][used], x, y) for fit in fits]
     columns = min(3, len(fits))
     rows = -(-len(fits) // columns)
     figure = Figure(figsize=(3.2 * columns + 0.8, 2.9 * rows + 0.3), layout="constrained")
@@ -237,7 +237,7 @@ def _maps(d: Diagnosis, fits: Sequence[Fitted], titles: Sequence[str]) -> Figure
         shown = np.ma.masked_where(count < LEAST, mean)
         axes.set_facecolor("#dddddd")
         drawn = axes.pcolormesh(x, y, shown.T, cmap="PuOr", vmin=-limit, vmax=limit, rasterized=True)
-        rms = float(np.sqrt(np.mean(fits[k].residual[0][used] ** 2)))
+        rms = float(np.sqrt(np.mean(fits[k].left[0][used] ** 2)))
         axes.set_title(f"{titles[k]}\nrms {with_prefix(rms, d.record.unit('torque'))}", fontsize="small")
     for axes in panels[-1]:
         axes.set_xlabel(_speed_label(d))
@@ -255,7 +255,7 @@ def worst_stretch(d: Diagnosis) -> Stretch | None:
     first = d.selection.fits[0]
     record = first.record
     omega = record.at_grid(record.signals["omega"])
-    found = worst_stretches(record.t, first.residual[0], record.mask, omega, 1)
+    found = worst_stretches(record.t, first.left[0], record.mask, omega, 1)
     return found[0] if found else None
 
 
@@ -267,7 +267,7 @@ def doing(d: Diagnosis, stretch: Stretch) -> str:
 def rms_within(fit: Fitted, stretch: Stretch) -> float:
     """Rms torque residual of a fit inside a stretch of time."""
     inside = fit.record.mask & (fit.record.t >= stretch.start) & (fit.record.t <= stretch.stop)
-    return float(np.sqrt(np.mean(fit.residual[0][inside] ** 2)))
+    return float(np.sqrt(np.mean(fit.left[0][inside] ** 2)))
 
 
 def worst_stretch_figure(d: Diagnosis, stretch: Stretch) -> Figure:
@@ -284,7 +284,7 @@ def worst_stretch_figure(d: Diagnosis, stretch: Stretch) -> Figure:
     upper.plot(*parted(t[part], measured), color=BLACK, linewidth=1.4, label="measured")
     named = "predicted with the effects found"
     for fit, colour, style, label in ((first, VERMILION, "--", "predicted before"), (last, BLUE, "-.", named)):
-        residual = fit.residual[0][part]
+        residual = fit.left[0][part]
         if fit is last and len(d.selection.fits) == 1:
             continue
         upper.plot(*parted(t[part], fit.record.target[0][part] - residual), color=colour, linestyle=style, label=label)

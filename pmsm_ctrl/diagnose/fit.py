@@ -45,6 +45,7 @@ from pmsm_ctrl.regression.columns import SINGLE, forget_effects, seen_as_candida
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
 from pmsm_ctrl.regression.modelled import with_modelled_torque
+from pmsm_ctrl.regression.prediction import better_without, physical_columns
 from pmsm_ctrl.regression.spread import with_mean, with_spread
 
 __all__ = ["BASE", "Accepted", "Elsewhere", "Fitted", "fit_beside", "fit_design", "predicted_elsewhere", "ranked"]
@@ -118,6 +119,21 @@ class Fitted:
     def residual(self) -> Array:
         """Measured less predicted, shape (channels, m)."""
         return self.record.target - self.estimate.predicted()
+
+    @cached_property
+    def values(self) -> Array:
+        """The parameters as they are reported, shape (k,): without nuisances that raise the error of the torque."""
+        values = self.estimate.values
+        at = {k: float(values[k]) for k in physical_columns(self.model)}
+        better = better_without(self.record, self.model, self.estimate.predicted(), at)
+        return np.array([better[k] for k in range(len(values))]) if better else values
+
+    @cached_property
+    def left(self) -> Array:
+        """Measured less predicted as it is reported, shape (channels, m): by `values`."""
+        if self.values is self.estimate.values:
+            return self.residual
+        return np.asarray(self.record.target - self.model.matrix @ self.values)
 
     def light(self) -> Fitted:
         """Return the fit without candidates and bases: on a long log they are large."""
@@ -317,7 +333,7 @@ def predicted_elsewhere(design: Design, record: Record, accepted: tuple[Accepted
     record = with_bristles(design, record, accepted)
     for _ in range(2):
         model, _ = assembled(design, record, accepted)
-        by_name = dict(zip(fit.model.names, fit.estimate.values, strict=True))
+        by_name = dict(zip(fit.model.names, fit.values, strict=True))
         values = np.array([by_name.get(name, 0.0) for name in model.names])
         predicted = model.matrix @ values
         record = with_modelled_torque(record, predicted[0] - false_torque(model, values), delay_of(model, values))

@@ -127,7 +127,7 @@ def record_rows(case: Case, first: Fitted, last: Fitted) -> tuple[RecordResult, 
         Before and after.
     """
     fitted = (last.estimate, last.weights, last.whitener)
-    rows = own_rows(last.record, (first.residual, last.residual), fitted, case.name)
+    rows = own_rows(last.record, (first.left, last.left), fitted, case.name)
     for number, holdout in enumerate(case.holdouts):
         found = [
             errors_of(*case.held_out(fit, number, refitted)) for refitted in (False, True) for fit in (first, last)
@@ -184,7 +184,7 @@ def _limits(selection: Selection) -> Iterator[Notice]:
 
 def _steps(case: Case, selection: Selection) -> Iterator[DiagnosisStep]:
     """Yield every accepted effect with its final parameters, and the errors around it on both records."""
-    own = [errors_table(case.record, errors(fit.record, fit.residual)) for fit in selection.fits]
+    own = [errors_table(case.record, errors(fit.record, fit.left)) for fit in selection.fits]
     other = [errors_table(case.record, case.holdout_errors(fit)) for fit in selection.fits]
     for k, step in enumerate(selection.steps):
         effect, parameters = step.trial.candidate.effect, fitted_parameters(selection.fit, k)
@@ -244,8 +244,8 @@ def _errors(record: Record, selection: Selection) -> dict[str, Errors]:
     residual = first.record.target - first.model.matrix @ nominal
     return {
         "nominal": errors_table(record, errors(first.record, residual)),
-        "base": errors_table(record, errors(first.record, first.residual)),
-        "final": errors_table(record, errors(last.record, last.residual)),
+        "base": errors_table(record, errors(first.record, first.left)),
+        "final": errors_table(record, errors(last.record, last.left)),
         "noise_floor": noise_floor(record, last),
     }
 

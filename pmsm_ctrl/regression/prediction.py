@@ -26,7 +26,7 @@ from pmsm_ctrl.regression.lateness import stopped
 from pmsm_ctrl.regression.model import TURNING, Model, Solved
 from pmsm_ctrl.regression.modelled import with_modelled_torque
 
-__all__ = ["Prediction", "errors", "physical_columns", "predict"]
+__all__ = ["Prediction", "better_without", "errors", "physical_columns", "predict"]
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
             break
     if _impossible(found.model, beside.values):
         beside = holding(fit, {k: at.get(k, float(value)) for k, value in enumerate(fit.values)})
-    if at_zero := _better_without(found.record, found.model, beside.predicted(), at):
+    if at_zero := better_without(found.record, found.model, beside.predicted(), at):
         beside = holding(fit, at_zero)
     held = physical_columns(found.model)
     free = [k for k in range(len(found.model.names)) if k not in held]
@@ -153,11 +153,20 @@ def _impossible(model: Model, values: Array) -> bool:
     return any(abs(values[k] - model.nominal[k]) > SURE * model.sigma[k] for k in times)
 
 
-def _better_without(record: Record, model: Model, predicted: Array, at: Mapping[int, float]) -> dict[int, float]:
+def better_without(record: Record, model: Model, predicted: Array, at: Mapping[int, float]) -> dict[int, float]:
     """Return all columns with the nuisances at zero, where these raise the error of the torque; else none.
 
     In the weighted fit of a design that is far off, the nuisances can take wrong values that suit the samples of the
     largest weight.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+    predicted : array, shape (channels, m)
+        With the nuisances.
+    at : dict of column to float
+        Of the parameters that are none.
     """
     values = np.zeros(len(model.names))
     values[list(at)] = list(at.values())
