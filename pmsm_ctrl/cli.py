@@ -289,6 +289,7 @@ def study(
     page = report_path(axis, output)
     if not force:
         page = page if output is not None else unused_name(page)
+        require_new([page] if output is None else ())  # another study may run
     beside = completed_beside(page) if log is not None else None
     if beside is not None:
         require_distinct([beside], [design])

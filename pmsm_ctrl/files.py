@@ -24,6 +24,8 @@ __all__ = [
 # A killed process leaves its temporary file. No command writes for a day, so that older ones can be deleted.
 STALE = 86400.0
 LARGEST_TEXT = 64 << 20  # bytes, of what is read whole
+# Files that this command found free, and has not written yet: another one may write them in the meantime.
+FOUND_FREE: set[Path] = set()
 # Unicode's categories of controls, marks of direction and other formats, halves of pairs, line and paragraph ends.
 COMMANDS = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 
@@ -83,7 +85,8 @@ def printable(text: object) -> str:
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary name beside `path`; rename it to `path` when the block ends without error.
 
-    A link is followed, a file's permissions are kept, and a device or pipe is written to, not replaced.
+    A link is followed, a file's permissions are kept, and a device or pipe is written to, not replaced. A file that
+    `require_new` found free and that is there now is another command's: the content gets the next free name.
 
     Parameters
     ----------
@@ -98,7 +101,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     RequestError
-        When the folder does not exist or cannot be written, or the disk is full.
+        When the folder does not exist or cannot be written, or the disk is full; when another command has written the
+        file in the meantime.
     """
     require_writable(path)
     target = Path(os.path.realpath(path))
@@ -117,9 +121,13 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
             with open(temporary, "rb") as source, open(target, "wb") as sink:
                 shutil.copyfileobj(source, sink)
         else:
+            place = unused_name(target) if target in FOUND_FREE and _occupied(target) else target
             temporary.chmod(_mode(target))
-            os.replace(temporary, target)
+            os.replace(temporary, place)
+            FOUND_FREE.discard(target)
             _sweep(folder, prefix, suffix)
+            if place != target:
+                raise RequestError(f"{path}: another command has written it meanwhile; this one's is {place.name}")
     except OSError as error:
         if isinstance(error, BrokenPipeError):
             raise
@@ -190,11 +198,16 @@ def require_new(outputs: Iterable[Path]) -> None:
     """
     for output in outputs:
         try:
-            occupied = output.is_file() and output.stat().st_size > 0
+            occupied = _occupied(output)
         except (OSError, ValueError):  # what cannot be looked at is refused where it is written
             continue
         if occupied:
             raise RequestError(f"{output}: exists; --force overwrites it, or name another file")
+        FOUND_FREE.add(Path(os.path.realpath(output)))
+
+
+def _occupied(output: Path) -> bool:
+    return output.is_file() and output.stat().st_size > 0
 
 
 def unused_name(path: Path) -> Path:

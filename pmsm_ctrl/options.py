@@ -15,7 +15,7 @@ import typer.core
 
 from pmsm_ctrl.console import STDOUT, json_to_stdout, keep_mapping, parse_map, say_next, writable, write_json
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.files import printable, require_distinct, require_new
+from pmsm_ctrl.files import FOUND_FREE, printable, require_distinct, require_new
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -67,6 +67,7 @@ class Verb(typer.core.TyperCommand):
         inputs = [one for name, value in ctx.params.items() if name not in self.OUTPUTS for one in _paths(value)]
         if outputs:
             require_distinct(outputs, inputs)
+        FOUND_FREE.clear()
         if not ctx.params.get("force"):
             require_new(path for path in outputs if path not in [ctx.params.get(name) for name in self.EXTENDED])
         given, typed = dict(ctx.params), self._typed(ctx)

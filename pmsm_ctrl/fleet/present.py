@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pmsm_ctrl.evidence.trends import FALSE_DISCOVERIES
+from pmsm_ctrl.evidence.trends import FALSE_DISCOVERIES, FEWEST_RECORDS
 from pmsm_ctrl.fleet.answers import AxisAnswer, Change, Finding, FleetReport, Series
 from pmsm_ctrl.fleet.policy import OUTLYING
 from pmsm_ctrl.fleet.result import FleetResult, Lost
@@ -72,11 +72,15 @@ def verdict_of(report: FleetReport) -> str:
     ----------
     report : FleetReport
     """
-    consistent, changing = sum(one.consistent for one in report.axes), len(report.changing)
+    consistent, tested = sum(one.consistent for one in report.axes), sum(one.tested for one in report.axes)
+    changing = f"{len(report.changing)} change over time"
+    if not tested:
+        changing = f"none has the {FEWEST_RECORDS} records that a test for changes over time takes"
+    elif tested < len(report.axes):
+        changing += f" of the {tested} with the {FEWEST_RECORDS} records that the test takes"
     return (
         f"{len(report.axes)} axes: {len(report.missing)} lack an effect, {consistent} are consistent with their "
-        f"design, {changing} change over time; at most {percent(FALSE_DISCOVERIES, 0)} of the named axes are expected "
-        "to be false."
+        f"design, {changing}; at most {percent(FALSE_DISCOVERIES, 0)} of the named axes are expected to be false."
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.result import FrequencyResponse
 from pmsm_ctrl.rendering.numbers import number, percent, with_error
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
@@ -69,7 +70,10 @@ def _verdict(result: FrequencyResponse) -> str:
     if not result.trusted:
         return f"In doubt, no answer: {result.notices[0].text}."
     if not result.bands:
-        return "The design's response agrees with the measured one."
+        return (
+            f"The design's response agrees with the measured one: no third octave deviates significantly by "
+            f"{percent(policy.SMALLEST_DEVIATION, 0)} or more, the delay left out."
+        )
     parts = " and ".join(f"{band.low:.3g} to {band.high:.4g} Hz" for band in result.bands)
     return f"The design's response differs from {parts}."
 

@@ -95,6 +95,9 @@ class Requirements:
         )
 
 
+USUAL_MARGIN = 60.0  # deg
+
+
 @dataclass(frozen=True)
 class Specification:
     """How the loops are tuned.
@@ -130,7 +133,7 @@ class Specification:
     speed: str = "symmetrical_optimum"
     current_bandwidth: float | None = None
     speed_bandwidth: float | None = None
-    phase_margin: float = 60.0
+    phase_margin: float = USUAL_MARGIN
     damping: float = 0.8
     a: float = 1.0 + math.sqrt(2.0)
     position_gain: float | None = None
@@ -144,3 +147,12 @@ class Specification:
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
                 raise RequestError(f"{name}: {value:g}; a positive number was expected")
+        if self.phase_margin != USUAL_MARGIN and (self.current, self.speed) == (
+            "modulus_optimum",
+            "symmetrical_optimum",
+        ):
+            raise RequestError(
+                f"phase_margin: {self.phase_margin:g}; it follows from the modulus and the symmetrical optimum; the "
+                "methods 'bandwidth' of both loops, 'pole_cancellation' of the current and 'pole_placement' of the "
+                "speed loop take one"
+            )

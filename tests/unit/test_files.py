@@ -129,6 +129,17 @@ def test_no_command_overwrites_a_file(line: str, folder: Path, capsys: pytest.Ca
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
+def test_a_file_that_another_command_wrote_meanwhile_is_kept(tmp_path: Path) -> None:
+    free, other = tmp_path / "r.csv", tmp_path / "r-2.csv"
+    require_new([free])
+    free.write_text("the other's", encoding="utf-8")
+    with pytest.raises(RequestError, match="another command has written it meanwhile; this one"):
+        write_text(free, "mine")
+    assert (free.read_text(), other.read_text()) == ("the other's", "mine")
+    write_text(free, "mine again")  # it was not found free since
+    assert free.read_text() == "mine again"
+
+
 @pytest.mark.parametrize("more", [[], ["--force"]])
 def test_a_design_is_never_written_over_itself(
     more: list[str], folder: Path, capsys: pytest.CaptureFixture[str]

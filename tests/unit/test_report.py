@@ -386,3 +386,22 @@ def test_a_design_without_friction_has_no_share_of_it_in_the_headline(designs: P
     headline = of_simulation(bare, swept, 10.0)
     assert ("99.30 %" in dict(headline.numbers)) is told
     assert ("identify finds it from a log" in headline.verdict) is not told
+
+
+@pytest.mark.parametrize(
+    ("off", "stderr", "good", "said"),
+    [
+        (0.009, 0.001, True, "within 0.90 % (accepted: 1 %)"),
+        (0.03, 0.015, None, "more than the accepted 1 %, and no more than its noise makes"),
+        (0.03, 0.005, False, "more than the accepted 1 %, and more than its noise makes"),
+    ],
+)
+def test_a_sweep_says_whether_its_noise_or_it_misses_the_friction(
+    off: float, stderr: float, good: bool | None, said: str, designs: Path
+) -> None:
+    axis = Design.read(designs / "seed_motor.toml").with_effect("coulomb", {"F_c": 0.02}).without_effect("viscous")
+    estimates = {"F_c": Estimate(0.02 * (1.0 + off), "N m", 0.02 * stderr)}
+    swept = SimpleNamespace(estimates=estimates, rms_percent=1.0, levels=(), section=lambda: Section("Sweep"))
+    headline = of_simulation(axis, swept, 10.0)
+    assert headline.good is good
+    assert said in headline.verdict

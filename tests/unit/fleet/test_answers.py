@@ -8,6 +8,7 @@ from scipy.stats import false_discovery_control
 
 from pmsm_ctrl.evidence.trends import FALSE_DISCOVERIES
 from pmsm_ctrl.fleet.answers import answered
+from pmsm_ctrl.fleet.present import verdict_of
 from tests.effort import amount
 from tests.unit.fleet.rows import FIRST, a_fleet, of_record
 
@@ -120,3 +121,11 @@ def test_friction_over_temperature() -> None:
     low, high = axis.per_degree.interval()
     assert low <= -1e-4 <= high
     assert high - low < 1e-5
+
+
+def test_the_answer_says_how_many_axes_were_tested_for_changes() -> None:
+    short = [row for axis in ("a", "b") for day in range(2) for row in of_record(axis, day, 0.02)]
+    long = [row for day, F_c in enumerate((0.02, 0.0201, 0.0199, 0.02)) for row in of_record("c", day, F_c)]
+    assert "none has the 4 records that a test for changes over time takes" in verdict_of(answered("r", short, {}))
+    assert "0 change over time of the 1 with the 4 records" in verdict_of(answered("r", [*short, *long], {}))
+    assert "design, 0 change over time; at most" in verdict_of(answered("r", long, {}))

@@ -69,6 +69,7 @@ def test_a_rigid_axis_agrees_with_its_design(seed: Design) -> None:
     assert not result.bands
     assert "resonance" not in result.estimates
     assert result.warnings == ()
+    assert "no third octave deviates significantly by 5 % or more" in str(result.section().blocks[0])
 
 
 def test_two_masses_are_measured_through_the_closed_loop(found: FrequencyResponse) -> None:

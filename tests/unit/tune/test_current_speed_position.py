@@ -100,6 +100,12 @@ def test_bad_current_requests_get_an_answer(seed_motor, options, message):
         current.tune_current(seed_motor, Specification(**options))
 
 
+def test_a_phase_margin_that_no_method_reads_is_refused() -> None:
+    with pytest.raises(RequestError, match="follows from the modulus and the symmetrical optimum"):
+        Specification(phase_margin=70.0)
+    assert Specification(phase_margin=70.0, current="pole_cancellation").phase_margin == 70.0
+
+
 def by_bandwidth(loop: str, asked: float, phase_margin: float = 60.0) -> Specification:
     return Specification(phase_margin=phase_margin, **{loop: "bandwidth", f"{loop}_bandwidth": asked})
 
