@@ -13,14 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.trends import (
-    FALSE_DISCOVERIES,
-    FEWEST_RECORDS,
-    Regression,
-    Step,
-    changing,
-    q_values,
-    regression,
-)
+    FALSE_DISCOVERIES, FEWEST_RECORDS, Regression, Step, changing, q_values, regression,
+)  # fmt: skip
 from pmsm_ctrl.fleet import notices as words
 from pmsm_ctrl.fleet.axis import AxisRows, by_axis
 from pmsm_ctrl.fleet.evaluate import DONE
