@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.evidence.trends import (
-    FALSE_DISCOVERIES, FEWEST_RECORDS, Regression, Step, changing, q_values, regression,
-)  # fmt: skip
+from pmsm_ctrl.evidence.trends import FALSE_DISCOVERIES, Regression, Step, changing, q_values, regression
 from pmsm_ctrl.fleet import notices as words
 from pmsm_ctrl.fleet.axis import AxisRows, by_axis
 from pmsm_ctrl.fleet.evaluate import DONE
@@ -171,11 +169,6 @@ class AxisAnswer:
     findings: tuple[Finding, ...]
     series: Mapping[str, Series]
     per_degree: Regression | None = None
-
-    @property
-    def tested(self) -> bool:
-        """Whether a parameter has the records that a test for changes over time takes."""
-        return any(len(one.value) >= FEWEST_RECORDS for one in self.series.values())
 
     @property
     def consistent(self) -> bool:

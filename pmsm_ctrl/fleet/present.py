@@ -72,7 +72,8 @@ def verdict_of(report: FleetReport) -> str:
     ----------
     report : FleetReport
     """
-    consistent, tested = sum(one.consistent for one in report.axes), sum(one.tested for one in report.axes)
+    consistent = sum(one.consistent for one in report.axes)
+    tested = sum(any(len(s.value) >= FEWEST_RECORDS for s in one.series.values()) for one in report.axes)
     changing = f"{len(report.changing)} change over time"
     if not tested:
         changing = f"none has the {FEWEST_RECORDS} records that a test for changes over time takes"
