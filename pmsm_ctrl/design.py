@@ -15,30 +15,26 @@ import tomli_w
 from pydantic import Field, PrivateAttr, ValidationError, field_validator, model_validator
 
 from pmsm_ctrl.complaints import built, explain
+from pmsm_ctrl.design_loops import CurrentLoop, Filter, Loops, PositionLoop, SpeedLoop
 from pmsm_ctrl.design_parts import (
     Acceptance,
     Assumed,
     Compensation,
-    CurrentLoop,
     Drive,
     EffectEntry,
     Effects,
     Evaluated,
-    Filter,
     Finite,
     Load,
     LogMap,
-    Loops,
     Motor,
     Part,
-    PositionLoop,
     Sensor,
-    SpeedLoop,
 )  # fmt: skip
 from pmsm_ctrl.design_text import design_in_json, edited_text, plain, same, with_tuples
 from pmsm_ctrl.errors import DesignError, NextCommand, nearest
 from pmsm_ctrl.files import example_design, write_text
-from pmsm_ctrl.units import psi_f_from, rounded
+from pmsm_ctrl.units import encoder_step, psi_f_from, rounded
 
 __all__ = [
     "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Design", "Drive", "EffectEntry", "Evaluated", "Filter",
@@ -88,15 +84,9 @@ class Design(Part):
         return name
 
     @model_validator(mode="after")
-    def _sampled(self) -> Design:
-        """Refuse a filter of the current reference that its sampling cannot represent."""
-        limit = 0.5 / self.drive.speed_period
-        for number, one in enumerate(self.loops.speed.filters if self.loops is not None else ()):
-            if one.frequency >= 0.999 * limit:
-                raise ValueError(
-                    f"loops.speed.filters.{number}.frequency: found {one.frequency:g} Hz; below {limit:g} Hz, half the "
-                    "rate of the speed loop (drive.f_control / drive.speed_divider), was expected"
-                )
+    def _consistent(self) -> Design:
+        if self.loops is not None:
+            self.loops.require_sampled(self.drive.speed_period)
         return self
 
     def __eq__(self, other: object) -> bool:
@@ -177,6 +167,11 @@ class Design(Part):
             Where the motor states none.
         """
         return FREE if parameter == "J" and self._inertia_free else self.motor.tolerance.get(parameter, otherwise)
+
+    @property
+    def encoder_step(self) -> float:
+        """Step of the measured position, rad (m); 0 for an ideal encoder."""
+        return encoder_step(self.sensor.encoder_counts, self.motion)
 
     @property
     def log_period(self) -> float:

@@ -11,7 +11,10 @@ import math
 import re
 from dataclasses import dataclass
 
-__all__ = ["DATASHEET", "UNITS", "DatasheetValue", "axis_unit", "drives", "psi_f_from", "rounded", "torque_constant"]
+__all__ = [
+    "DATASHEET", "UNITS", "DatasheetValue", "axis_unit", "drives", "encoder_span", "encoder_step", "psi_f_from",
+    "rounded", "torque_constant",
+]  # fmt: skip
 
 DIGITS = 2  # of the standard error that a rounded value keeps, as the GUM (7.2.6) has it
 RPM = 2.0 * math.pi / 60.0
@@ -71,6 +74,38 @@ def drives(motion: str) -> str:
         "torque" or "force".
     """
     return "force" if motion == "linear" else "torque"
+
+
+def encoder_span(motion: str) -> float:
+    """Return what the stated counts of an encoder divide: a turn, 2 pi rad, or a metre.
+
+    Parameters
+    ----------
+    motion : {"rotary", "linear"}
+
+    Returns
+    -------
+    float
+        rad (m).
+    """
+    return 1.0 if motion == "linear" else 2.0 * math.pi
+
+
+def encoder_step(counts: int, motion: str) -> float:
+    """Return the step of an encoder.
+
+    Parameters
+    ----------
+    counts : int
+        Per turn (per metre); 0 for an ideal encoder.
+    motion : {"rotary", "linear"}
+
+    Returns
+    -------
+    float
+        rad (m); 0 for an ideal encoder.
+    """
+    return encoder_span(motion) / counts if counts else 0.0
 
 
 def torque_constant(p: int, psi_f: float) -> float:

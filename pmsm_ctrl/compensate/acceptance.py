@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pmsm_ctrl.compensate.metrics import CHANGE, UNITS
 from pmsm_ctrl.compensate.motions import named_trial
-from pmsm_ctrl.compensate.runs import count_angle, judge, off_by, run_trial
+from pmsm_ctrl.compensate.runs import judge, off_by, run_trial
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 from pmsm_ctrl.log import Log
@@ -89,7 +89,7 @@ def accept(design: Design, wanted: Acceptance, *, seed: int = 0) -> Verdict:
     with_it = run_trial(believed, trial, truth=design, seed=seed)
     without = with_it if chosen.share == 0.0 else run_trial(off, trial, truth=design, seed=seed)
     name = wanted.metric.removesuffix("_change")
-    found, reference = (float(getattr(judge(trial, logs, count_angle(design)), name)) for logs in (with_it, without))
+    found, reference = (float(getattr(judge(trial, logs, design.encoder_step), name)) for logs in (with_it, without))
     value = found
     if name != wanted.metric:
         value = found / reference - 1.0 if reference > 0.0 else 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 from pmsm_ctrl.compensate.adaptive import simulate_adaptive
@@ -14,7 +13,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.simulate.parameters import matched_filter
 
-__all__ = ["baseline", "compensated", "count_angle", "judge", "off_by", "run_trial", "scaled"]
+__all__ = ["baseline", "compensated", "judge", "off_by", "run_trial", "scaled"]
 
 
 def baseline(design: Design) -> Design:
@@ -126,18 +125,6 @@ def run_trial(believed: Design, trial: Trial, *, truth: Design | None = None, se
         simulate(believed, motion, truth=plant, seed=seed + axis, keep_truth=True)
         for axis, motion in enumerate(trial.motions)
     )
-
-
-def count_angle(design: Design) -> float:
-    """Return the angle of one encoder count, rad (m); 0 for an ideal encoder.
-
-    Parameters
-    ----------
-    design : Design
-        The plant.
-    """
-    turn = 1.0 if design.motion == "linear" else 2.0 * math.pi
-    return turn / design.sensor.encoder_counts if design.sensor.encoder_counts else 0.0
 
 
 def judge(trial: Trial, logs: tuple[Log, ...], dither: float = 0.0) -> Metrics:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.motions import study_trials
 from pmsm_ctrl.compensate.plants import judged
-from pmsm_ctrl.compensate.runs import baseline, compensated, count_angle, judge, run_trial
+from pmsm_ctrl.compensate.runs import baseline, compensated, judge, run_trial
 from pmsm_ctrl.compensate.window import GainWindow, gain_window
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import DesignError, PmsmCtrlError
@@ -99,7 +99,7 @@ def _window(design: Design, gain: float) -> GainWindow:
     def run(at: float, factor: float, name: str) -> Metrics:
         on = base if at == 0.0 else compensated(base, chosen, gain=at, factor=factor, source=source)
         trial = trials[motions[name].trial]
-        return judge(trial, run_trial(on, trial, truth=motions[name].plant), count_angle(design))
+        return judge(trial, run_trial(on, trial, truth=motions[name].plant), design.encoder_step)
 
     at_rest = [name for name, motion in motions.items() if motion.at_rest]
-    return gain_window(run, motions, source, gains=(0.5 * gain, gain), at_rest=at_rest, resolution=count_angle(design))
+    return gain_window(run, motions, source, gains=(0.5 * gain, gain), at_rest=at_rest, resolution=design.encoder_step)

@@ -14,7 +14,7 @@ from pmsm_ctrl.compensate.motions import Trial, study_trials
 from pmsm_ctrl.compensate.plants import judged
 from pmsm_ctrl.compensate.recommendation import Sweep, recommended, swept_window
 from pmsm_ctrl.compensate.result import CompensationStudy, Row, Variant
-from pmsm_ctrl.compensate.runs import baseline, compensated, count_angle, judge, run_trial
+from pmsm_ctrl.compensate.runs import baseline, compensated, judge, run_trial
 from pmsm_ctrl.compensate.theory import describing_function_limit, hunting
 from pmsm_ctrl.compensate.window import FACTORS, GAINS, GainWindow, gain_window
 from pmsm_ctrl.design import Design
@@ -47,7 +47,7 @@ class _Runs:
         key = (name, believed.model_dump_json(), truth.model_dump_json())
         if key not in self.known:
             logs = run_trial(believed, self.trials[name], truth=truth, seed=self.seed)
-            self.known[key] = judge(self.trials[name], logs, count_angle(truth))
+            self.known[key] = judge(self.trials[name], logs, truth.encoder_step)
         return self.known[key]
 
     def floor(self, believed: Design, name: str, friction: tuple[str, ...]) -> Metrics:
@@ -60,7 +60,7 @@ class _Runs:
         ]
         trial = replace(self.trials[name], changed={})
         logs = run_trial(believed, trial, truth=self.plant.replace_effects(tuple(keep)), seed=self.seed)
-        return judge(trial, logs, count_angle(self.plant))
+        return judge(trial, logs, self.plant.encoder_step)
 
 
 def compensate(
@@ -129,7 +129,7 @@ def compensate(
 
         at_rest = [name for name, motion in motions.items() if motion.at_rest]
         sweeps[source] = partial(
-            gain_window, run, motions, source, at_rest=at_rest, resolution=count_angle(runs.plant)
+            gain_window, run, motions, source, at_rest=at_rest, resolution=runs.plant.encoder_step
         )  # fmt: skip
         windows[source] = replace(swept_window(sweeps[source], gains), hint=describing_function_limit(base, source))
         advance(0.5 + 0.45 * (done + 1) / len(sources))

@@ -17,7 +17,6 @@ needs a factor: torque in per mille of 2.4 N m is ``torque = "Torque actual valu
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -30,7 +29,7 @@ from pmsm_ctrl.importers.notices import OTHER_UNIT
 from pmsm_ctrl.importers.table import Column, Table, one_line
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.section import Notice
-from pmsm_ctrl.units import UNITS
+from pmsm_ctrl.units import UNITS, encoder_step
 
 __all__ = ["FACTOR", "REQUIRED", "Assignment", "Source", "assign", "find_column", "of_this_file", "stated_factor"]
 
@@ -347,7 +346,7 @@ def _source(
     place = f"{table.file}: column {index + 1} ('{column.label}')"
     known = unit_of(unit)
     if known is None and _is_counted(unit, channel) and design is not None and design.sensor.encoder_counts:
-        known = target, (1.0 if motion == "linear" else 2.0 * math.pi) / design.sensor.encoder_counts
+        known = target, encoder_step(design.sensor.encoder_counts, motion)
     if known is None:
         if scale is not None:
             return Source(channel, index, spelled, 1.0, scale, how, factor_unknown=True)

@@ -157,9 +157,8 @@ def counted_unit(values: Array, stated: str, channel: str, design: Design | None
     whole = not stated and channel.startswith("theta") and np.array_equal(values, np.round(values))
     if design is None or not counts or not (counts_of(stated) or (whole and np.ptp(values) > WHOLE)):
         return None
-    linear = design.motion == "linear"
-    said = f"{counts} counts a {'metre' if linear else 'turn'}, as the design states"
-    return (1.0 if linear else 2.0 * math.pi) / counts, said if stated else f"whole numbers: {said}"
+    said = f"{counts} counts a {'metre' if design.motion == 'linear' else 'turn'}, as the design states"
+    return design.encoder_step, said if stated else f"whole numbers: {said}"
 
 
 def speed_unit(values: Array, channel: str, motion: str) -> tuple[str, str]:

@@ -50,7 +50,7 @@ def hexagon_scale(u_d: float, u_q: float, angle: float, u_dc: float) -> float:
 
 @kernel
 def quantise(theta: float, counts: float) -> float:
-    """Angle read by an encoder with `counts` per turn (SI unit per turn: rad); 0 counts is an ideal encoder."""
+    """Position read by an encoder with `counts` in 2 pi rad (m); 0 counts is an ideal encoder."""
     if counts == 0.0:
         return theta
     return floor(theta * counts / TURN + 0.5) * TURN / counts

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.errors import DesignError
+from pmsm_ctrl.units import encoder_span
 
 __all__ = [
     "FIRST", "TRUSTED", "Feedforward", "compensation_lines", "core_lines", "estimate_lines", "largest_current",
@@ -31,6 +32,7 @@ FIRST = 6  # columns of references, before those of the compensation
 HEAD = 7  # gain, smoothing width, number of the source, K_t, p, dead zone, limit
 UNLIMITED = 1e6  # A, the limit of a drive without one
 COUNTS = 5.0  # of the encoder, over which the sign of a commanded speed is smoothed
+UNSTATED = 1 << 20  # counts of an encoder that is assumed where none is stated
 TRUSTED = 0.1  # standard error of a tracked value, as a share of it, below which it is fed forward
 # Speed of the feedforward: measured; of the reference; of the reference plus the position controller's output.
 SOURCES = {"measured": 0.0, "reference": 1.0, "adaptive": 1.0, "commanded": 2.0, "observer": 3.0}
@@ -305,8 +307,8 @@ def smoothing_width(design: Design) -> float:
         return chosen.smoothing
     if chosen.source != "commanded" or design.loops is None:
         return 0.0
-    turn = 1.0 if design.motion == "linear" else 2.0 * math.pi
-    return COUNTS * design.loops.position.K_v * turn / (design.sensor.encoder_counts or 1 << 20)
+    counts = design.sensor.encoder_counts or UNSTATED
+    return COUNTS * design.loops.position.K_v * encoder_span(design.motion) / counts
 
 
 def ramp_length(design: Design) -> float:

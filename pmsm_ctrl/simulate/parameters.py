@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import DesignError, NextCommand
 from pmsm_ctrl.sampling import smoothing, speed_lag, time_constant
-from pmsm_ctrl.units import psi_f_from
+from pmsm_ctrl.units import encoder_span, psi_f_from
 
 __all__ = ["Controller", "Plant", "matched_filter"]
 
@@ -37,7 +38,7 @@ class Plant:
     period : float
         Control period, s.
     counts : float
-        Encoder counts per turn; 0 for an ideal encoder.
+        Of the encoder, in 2 pi rad (m), as `p` has its pole pairs; 0 for an ideal encoder.
     current_noise : float
         A rms.
     steps : int
@@ -87,9 +88,10 @@ class Plant:
                 "this design knows only K_t",
                 next_command=NextCommand.ELECTRICAL_DATA,
             )
+        counts = design.sensor.encoder_counts * (2.0 * math.pi / encoder_span(design.motion))
         return cls(
             motor.R, motor.L_d, motor.L_q, motor.p, motor.psi_f, design.J, design.drive.u_dc,
-            1.0 / design.drive.f_control, float(design.sensor.encoder_counts), design.sensor.current_noise,
+            1.0 / design.drive.f_control, counts, design.sensor.current_noise,
             design.drive.plant_steps, design.drive.speed_divider, design.sensor.log_divider,
             design.drive.delay_periods,
         )  # fmt: skip

@@ -185,9 +185,7 @@ def _noise_through_the_loop(design: Design) -> float:
 def _angle_noise(design: Design, settings: Settings) -> float:
     if settings.angle_noise is not None:
         return settings.angle_noise
-    turn = 1.0 if design.motion == "linear" else 2.0 * math.pi
-    counts = design.sensor.encoder_counts
-    return turn / counts / math.sqrt(12.0) if counts else 1e-6
+    return design.encoder_step / math.sqrt(12.0) or 1e-6
 
 
 def _speed_filter(design: Design, angle: float) -> tuple[float, float]:

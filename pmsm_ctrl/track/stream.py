@@ -5,7 +5,6 @@ A source may restart: a file that is replaced or cut is opened again, and its he
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,6 +19,7 @@ from pmsm_ctrl.importers.mapping import find_column, stated_factor
 from pmsm_ctrl.importers.names import counts_of, guess_channel, split_header, unit_of
 from pmsm_ctrl.importers.table import Column, Table
 from pmsm_ctrl.log import CHANNELS
+from pmsm_ctrl.units import encoder_step
 
 __all__ = ["IDLE", "MISSING", "REOPENED", "Header", "decoded", "follow", "lines_of", "read_header"]
 
@@ -114,8 +114,7 @@ def read_header(
         if channel in USED:
             own = CHANNELS[channel][1 if motion == "linear" else 0]
             counted = counts > 0 and counts_of(unit or labels[k].unit) == CHANNELS[channel][0]
-            turn = 1.0 if motion == "linear" else 2.0 * math.pi
-            factor *= turn / counts if counted else _to_own(labels[k], unit, own, channel in scale)
+            factor *= encoder_step(counts, motion) if counted else _to_own(labels[k], unit, own, channel in scale)
             columns[channel] = (k, factor * scale.get(channel, 1.0))
     return Header(separator, columns)
 

@@ -189,9 +189,7 @@ def _pair(cascade: Cascade, plant: Design, profile: str, seed: int) -> MovePair:
         profile, design, distance=distance, speed=speed, acceleration=limits.acceleration, dwell=REST, cycles=1.0,
         **built_up,
     )  # fmt: skip
-    counts = plant.sensor.encoder_counts
-    turn = 1.0 if plant.motion == "linear" else 2.0 * math.pi
-    window = WINDOW_COUNTS * turn / counts if counts else WINDOW_SHARE * distance
+    window = WINDOW_COUNTS * plant.encoder_step or WINDOW_SHARE * distance
     bare = smooth(plant)
     runs, limited = [], False
     for truth in (plant, bare):

@@ -65,9 +65,7 @@ def noise(cascade: Cascade) -> Noise:
     or stationary shaft it is not, and the ripple is a limit cycle of one step instead.
     """
     design = cascade.design
-    counts = design.sensor.encoder_counts
-    turn = 1.0 if design.motion == "linear" else 2.0 * math.pi
-    sigma = turn / counts / math.sqrt(12.0) if counts else 0.0
+    sigma = design.encoder_step / math.sqrt(12.0)
     closed = cascade.with_gains(position=None)
     by_reference = h2_norm(closed.system(("angle_noise",), ("i_q_ref",)))
     by_speed = h2_norm(closed.system(("angle_noise",), ("omega_hat",)))

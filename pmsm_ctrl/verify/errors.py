@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compensate.metrics import REVERSAL_WINDOW, SETTLE, SHORTEST, limit_cycle, turning_samples
-from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.log import Log
@@ -133,7 +132,7 @@ def promised(design: Design, log: Log, gain: float, seed: int = 0) -> Mapping[st
     try:
         motion = build_replay(off, log).scenario
         on = design.replace(compensation={"gain": gain})
-        before, after = (tracking(simulate(one, motion, seed=seed), count_angle(design)) for one in (off, on))
+        before, after = (tracking(simulate(one, motion, seed=seed), design.encoder_step) for one in (off, on))
     except PmsmCtrlError:  # a drive that cannot be simulated promises nothing
         return {}
     return changes(before, after)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, NextCommand, require_kind
 from pmsm_ctrl.log import Log, as_logs
@@ -78,7 +77,7 @@ def verify(design: Design, before: Log, after: Log, *, seed: int = 0) -> Verific
         if _half(measured) < policy.VAGUE * expected and abs(measured.gain.value[1]) > policy.VAGUE * expected:
             channel, law = "i_q", measured
             notes.append(words.OTHER_CHANNEL())
-    errors = [tracking(log, count_angle(design)) for log in found]
+    errors = [tracking(log, design.encoder_step) for log in found]
     return _judged(design, found, (law, channel, expected), errors, promised(design, found[0], expected, seed), notes)
 
 

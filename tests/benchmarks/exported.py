@@ -19,7 +19,6 @@ import numpy as np
 
 from pmsm_ctrl.compensate import baseline, compensated, gain_verdict, judge, run_trial, study_trials
 from pmsm_ctrl.compensate.plants import with_bristle
-from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.simulate import Scenario
 from pmsm_ctrl.simulate.motions import Limits
@@ -98,7 +97,7 @@ def run(seed: int, folder: Path) -> Row:
     declared = gain_verdict(stated, gain).safe is True
     base, trial = baseline(stated), study_trials(design)["push"]
     believed = compensated(base, EFFECTS, gain=gain, factor=factor, source=source)
-    function, motion, count = Compensator(believed, folder), pushed(design), count_angle(design)
+    function, motion, count = Compensator(believed, folder), pushed(design), design.encoder_step
     found, simulated, apart = 0.0, 0.0, 0.0
     for plant in (base, with_bristle(base)):
         assert plant is not None

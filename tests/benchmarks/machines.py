@@ -21,7 +21,6 @@ from pathlib import Path
 import numpy as np
 
 from pmsm_ctrl.compensate import baseline, compensated, gain_verdict, judge, run_trial, study_trials
-from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.export import export
@@ -201,13 +200,13 @@ def _compensated(design: Design, found: dict[str, object], words: list[str]) -> 
     rms, reversal, floor, counts = [], [], [], []
     for name in REVERSALS:
         plain, on, free = (
-            judge(trials[name], run_trial(b, trials[name], truth=plant), count_angle(design))
+            judge(trials[name], run_trial(b, trials[name], truth=plant), design.encoder_step)
             for b, plant in ((base, design), (believed, design), (base, smooth))
         )
         rms.append(on.rms / plain.rms - 1.0)
         reversal.append(on.reversal_peak / plain.reversal_peak - 1.0)
         floor.append(free.rms / plain.rms - 1.0)
-        counts.append(plain.rms / count_angle(design))
+        counts.append(plain.rms / design.encoder_step)
     found["rms"], found["reversal"], found["floor"] = (100.0 * max(values) for values in (rms, reversal, floor))
     found["counts"] = counts[int(np.argmax(rms))]
     for gain in GAINS:

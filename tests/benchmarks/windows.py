@@ -19,7 +19,6 @@ import numpy as np
 
 from pmsm_ctrl.compensate import GainWindow, Metrics, Trial, baseline, compensated, gain_window, judge, study_trials
 from pmsm_ctrl.compensate.plants import judged
-from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.compensate.study import SOURCES
 from pmsm_ctrl.compensate.window import FACTORS
 from pmsm_ctrl.design import Design
@@ -68,7 +67,7 @@ def side_by_side(runs: Mapping[Key, Prepared], seed: int, trial: Trial) -> dict[
     keys, found = list(runs), {}
 
     def take(number: int, log: Log) -> None:
-        found[keys[number]] = judge(trial, (log,), count_angle(runs[keys[number]].design))
+        found[keys[number]] = judge(trial, (log,)(runs[keys[number]].design))
 
     for group in groups(dict(enumerate(runs.values())), always=True):
         load_lanes(group)
@@ -124,7 +123,7 @@ def swept(
 
             windows[k][source] = gain_window(
                 run, every.motions[k], source, gains=gains[:done], at_rest=every.at_rest,
-                resolution=count_angle(drives[k]),
+                resolution=drives[k].encoder_step,
             )  # fmt: skip
         alive = [(k, source) for k, source in alive if windows[k][source].safe == gains[done - 1]]
     return windows

@@ -28,7 +28,7 @@ ALLOWED = {
     ("track/model.py", "gap"): "a gap of the log, as an event of the tracker",
     ("datasheet.py", "g"): "gram",
     ("frf/bode.py", "g"): "a name of a response in a file",
-    ("design_parts.py", "order"): "of a low-pass filter",
+    ("design_loops.py", "order"): "of a low-pass filter",
     ("design_parts.py", "J_load"): "the inertia of `SecondMass`, whose tolerance may be stated",
     ("design_parts.py", "k"): "the stiffness of `SecondMass`, whose tolerance may be stated",
     ("fleet/paths.py", "d"): "the day of a date",

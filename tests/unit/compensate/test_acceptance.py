@@ -13,7 +13,6 @@ import pytest
 
 from pmsm_ctrl.compensate import Trial, accept, judge, run_trial, study_trials
 from pmsm_ctrl.compensate.motions import PUSHES
-from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.simulate import Scenario
@@ -89,7 +88,7 @@ def test_a_gain_that_is_said_to_be_safe_cycles_after_no_other_push(
         return {**trial.references(t), "T_load": np.where((t >= start) & (t < start + 0.005), load, 0.0)}
 
     alone = Trial((Scenario("one push", start + 4.0, references, control="position"),))
-    found = judge(alone, run_trial(design, alone), count_angle(design))
+    found = judge(alone, run_trial(design, alone), design.encoder_step)
     assert (found.cycle_amplitude == 0.0) is safe
 
 

@@ -26,7 +26,6 @@ from pmsm_ctrl.compensate.metrics import Metrics, limit_cycle
 from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP, Trial, _sine_then_rest
 from pmsm_ctrl.compensate.plants import BRISTLE_TRIALS, SWEEP_TRIALS, judged, with_bristle
 from pmsm_ctrl.compensate.result import CompensationStudy, own_change
-from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.compensate.study import SOURCES, with_bandwidth
 from pmsm_ctrl.compensate.window import sweep_gains
 from pmsm_ctrl.design import Acceptance, Design
@@ -241,7 +240,7 @@ def test_shipped_designs_are_compensated_with_their_tuned_gains(project_root: Pa
 def test_dither_below_a_count_is_no_cycle(design: Design) -> None:
     trial = study_trials(design)["positioning"]
     t = np.arange(0.0, 3.0, 1e-3)
-    count = count_angle(design)
+    count = design.encoder_step
     still = {name: np.zeros_like(t) for name in ("theta_ref", "omega_ref", "omega_true", "i_q_ref", "theta")}
     for amplitude, cycles in ((0.9 * count, False), (1.1 * count, True)):
         log = Log({"t": t, **still, "theta_true": amplitude * np.sin(40.0 * t)})
@@ -474,8 +473,8 @@ def test_whether_a_cycle_is_found_hangs_on_no_draw_of_the_noise(seed: int, count
     plant = with_bristle(base) if elastic else base
     on = compensated(base, EFFECTS, gain=gain, factor=1.2, source=source)
     for draw in range(4):
-        found = judge(push, run_trial(on, push, truth=plant, seed=draw), count_angle(drive))
-        assert found.cycle_amplitude == pytest.approx(counts * count_angle(drive), rel=0.15)
+        found = judge(push, run_trial(on, push, truth=plant, seed=draw), drive.encoder_step)
+        assert found.cycle_amplitude == pytest.approx(counts * drive.encoder_step, rel=0.15)
 
 
 @pytest.mark.slow
@@ -524,7 +523,7 @@ def test_drives_side_by_side_are_judged_as_one_by_one(design: Design) -> None:
     found = side_by_side({key: prepared(base, trials[key[4]], *key[1:4]) for key in keys}, 0, trials["push"])
     for key in keys:
         believed = compensated(base, EFFECTS, gain=0.9, factor=1.2, source=key[1])
-        single = judge(trials[key[4]], run_trial(believed, trials[key[4]], truth=quiet), count_angle(quiet))
+        single = judge(trials[key[4]], run_trial(believed, trials[key[4]], truth=quiet), quiet.encoder_step)
         assert asdict(found[key]) == pytest.approx(asdict(single), rel=1e-6, abs=1e-9)
 
 
@@ -577,13 +576,13 @@ def test_a_window_holds_with_presliding_too(design: Design) -> None:
         friction = ["coulomb", "viscous"]
         on = base if gain == 0.0 else compensated(base, friction, gain=gain, factor=factor, source="commanded")
         motion = motions[name]
-        return judge(trials[motion.trial], run_trial(on, trials[motion.trial], truth=motion.plant), count_angle(design))
+        return judge(trials[motion.trial], run_trial(on, trials[motion.trial], truth=motion.plant), design.encoder_step)
 
     found = {}
     for kind, names in (("rigid", ["reversal 2 rad/s", "positioning"]), ("both", ["reversal 2 rad/s", *motions])):
         found[kind] = gain_window(
             run, names, "commanded", gains=(1.0, 1.2), at_rest=[name for name in motions if motions[name].at_rest],
-            resolution=count_angle(design),
+            resolution=design.encoder_step,
         )  # fmt: skip
     assert found["rigid"].safe == 1.2
     assert found["both"].safe == 1.0

@@ -10,7 +10,6 @@ import pytest
 
 from pmsm_ctrl.compensate import baseline, compensated, gain_verdict, judge, study_trials
 from pmsm_ctrl.compensate.motions import PUSHES
-from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export import export, export_files
@@ -82,7 +81,7 @@ def test_the_compiled_c_cycles_where_the_window_says_so(
     (motion,) = trial.motions
     first = replace(motion, duration=motion.duration - PUSHES[1][1])  # the first push, after which it cycles
     log = simulate_with(Compensator(believed, tmp_path), believed, motion if safe else first, seed_motor)
-    assert (judge(trial, (log,), count_angle(seed_motor)).cycle_amplitude == 0.0) is safe
+    assert (judge(trial, (log,), seed_motor.encoder_step).cycle_amplitude == 0.0) is safe
 
 
 def test_a_gain_that_is_not_safe_is_refused(seed_motor: Design, tmp_path: Path) -> None:
