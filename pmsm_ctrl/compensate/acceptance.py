@@ -10,10 +10,11 @@ from pmsm_ctrl.compensate.runs import judge, off_by, run_trial
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["METRICS", "Verdict", "accept"]
 
-# Metrics by name with their units; NAME_change is the change against no compensation, -0.8 being -80 %.
+# Metrics by name with their units for a shaft; NAME_change is the change against no compensation, -0.8 being -80 %.
 METRICS = UNITS | {f"{name}_change": "1" for name in CHANGE}
 
 
@@ -93,4 +94,5 @@ def accept(design: Design, wanted: Acceptance, *, seed: int = 0) -> Verdict:
     value = found
     if name != wanted.metric:
         value = found / reference - 1.0 if reference > 0.0 else 0.0
-    return Verdict(design, wanted, value, METRICS[wanted.metric], found, reference, with_it, without)
+    unit = axis_unit(METRICS[wanted.metric], design.motion)
+    return Verdict(design, wanted, value, unit, found, reference, with_it, without)

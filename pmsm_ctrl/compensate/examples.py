@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compensate.motions import CIRCLE, Trial, study_trials
+from pmsm_ctrl.compensate.motions import CIRCLE, Trial, at_speed, study_trials
 from pmsm_ctrl.compensate.runs import run_trial
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
@@ -16,7 +16,6 @@ __all__ = ["Example", "examples_of"]
 
 Array = NDArray[np.float64]
 
-REVERSAL = "reversal 2 rad/s"
 AROUND = 0.2  # s on either side of a reversal
 MOST = 1200  # samples that are kept of an example
 
@@ -70,17 +69,18 @@ def examples_of(base: Design, plant: Design, drive: Design, seed: int) -> tuple[
     (Example, Example)
     """
     trials, chosen = study_trials(base), drive.compensation
+    reversal = at_speed("reversal", 2.0, base)
     runs = {
         name: [run_trial(one, trials[name], truth=plant, seed=seed) for one in (base, drive)]
-        for name in (REVERSAL, CIRCLE)
+        for name in (reversal, CIRCLE)
     }
     by = "disturbance observer" if chosen.source == "observer" else f"{chosen.source} speed"
     label = f"compensated, {by}, gain {100.0 * chosen.share:.0f} %"
-    found = _reversal(runs[REVERSAL]), _circle(runs[CIRCLE], trials[CIRCLE])
+    found = _reversal(reversal, runs[reversal]), _circle(runs[CIRCLE], trials[CIRCLE])
     return replace(found[0], label=label), replace(found[1], label=label)
 
 
-def _reversal(runs: list[tuple[Log, ...]]) -> Example:
+def _reversal(name: str, runs: list[tuple[Log, ...]]) -> Example:
     """Keep the surroundings of the third reversal, which no start from rest disturbs."""
     (without,), (full,) = runs
     reference = without["omega_ref"]
@@ -89,7 +89,7 @@ def _reversal(runs: list[tuple[Log, ...]]) -> Example:
     turn = int(turns[min(2, len(turns) - 1)])
     kept = _thinned(np.flatnonzero(np.abs(without.t - without.t[turn]) <= AROUND))
     before, after = ((log["theta_ref"] - log["theta_true"])[kept] for log in (without, full))
-    return Example(REVERSAL, without.t[kept] - without.t[turn], reference[kept], before, after)
+    return Example(name, without.t[kept] - without.t[turn], reference[kept], before, after)
 
 
 def _circle(runs: list[tuple[Log, ...]], trial: Trial) -> Example:

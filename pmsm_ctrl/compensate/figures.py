@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pmsm_ctrl.compensate.notices import sentence
+from pmsm_ctrl.units import axis_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,7 +96,7 @@ def circle(example: Example, angle: str) -> Figure:
 
 def acceptance(verdict: Verdict) -> Figure:
     """Draw the position error with and without the compensation, and the current reference."""
-    angle = "m" if verdict.design.motion == "linear" else "rad"
+    angle = axis_unit("rad", verdict.design.motion)
     figure, upper, lower = _panels()
     head, _, rest = sentence(verdict).partition(" (")
     title = f"{verdict.design.name}, {head}"

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.units import axis_unit
 
-__all__ = ["CHANGE", "FINEST", "UNITS", "Metrics", "limit_cycle", "measure", "measure_contour", "turning_samples"]
+__all__ = [
+    "CHANGE", "FINEST", "UNITS", "Metrics", "limit_cycle", "measure", "measure_contour", "turning_samples", "units_of",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -32,6 +35,16 @@ UNITS = {
 CHANGE = ("rms", "peak", "reversal_peak", "effort", "noise")  # those with a meaning as a share of that without
 
 
+def units_of(motion: str) -> dict[str, str]:
+    """Return the units of the metrics on this kind of axis.
+
+    Parameters
+    ----------
+    motion : {"rotary", "linear"}
+    """
+    return {name: axis_unit(unit, motion) for name, unit in UNITS.items()}
+
+
 @dataclass(frozen=True)
 class Metrics:
     """Errors and side effects of one run.
@@ -39,13 +52,13 @@ class Metrics:
     Attributes
     ----------
     rms, peak : float
-        Position error, rad.
+        Position error, rad (m).
     reversal_peak : float
-        Largest error within 0.1 s after a change of direction, rad.
+        Largest error within 0.1 s after a change of direction, rad (m).
     stuck : float
         Share of the commanded motion during which the axis stands.
     cycle_amplitude, cycle_frequency : float
-        Limit cycle while the reference rests, rad and Hz; 0 when there is none.
+        Limit cycle while the reference rests, rad (m) and Hz; 0 when there is none.
     effort : float
         RMS of the current reference, A.
     noise : float

@@ -1,4 +1,7 @@
-"""Motions on which a compensation is judged: slow reversals, creep, a circle, positioning, a push, a warm-up."""
+"""Motions on which a compensation is judged: slow reversals, creep, a circle, positioning, a push, a warm-up.
+
+They are written for a shaft, in rad; those of a linear axis are `Limits.length` times as long and as fast.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +18,14 @@ from pmsm_ctrl.effects import bound_effects, thermal_drift
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.simulate import SCENARIOS, Scenario, scenario
 from pmsm_ctrl.simulate.motions import Limits, PathBuilder
+from pmsm_ctrl.units import axis_unit
 
-__all__ = ["CIRCLE", "WARM_UP", "Trial", "named_trial", "study_trials"]
+__all__ = ["CIRCLE", "WARM_UP", "Trial", "at_speed", "named_trial", "study_trials"]
 
 Array = NDArray[Any]
 
 CIRCLE, WARM_UP = "circle", "warm-up"
-RADIUS = 10.0 / math.pi  # rad: half a turn of the circle a second is 10 rad/s
+RADIUS = 10.0 / math.pi  # lengths: half a turn of the circle a second is a speed of 10 lengths a second
 WARMER = 0.4  # share by which F_c and F_v fall during the warm-up
 PUSHES = ((0.5, 4.0), (-1.0, 4.0))  # size, as a share of twice the friction, and the rest after it, s
 WARMING = 6.0  # s; a real axis takes minutes, with as many reversals for the tracker as here, or more
@@ -36,7 +40,7 @@ class Trial:
     motions : tuple of Scenario
         One an axis; the two axes of a contour are alike.
     radius : float
-        Of the circle that two axes draw, rad at the motors; 0 for one axis.
+        Of the circle that two axes draw, rad at the motors (m); 0 for one axis.
     changed : mapping of effect to parameters
         Effects that the plant has besides its own, or in their place.
     """
@@ -58,6 +62,23 @@ class Trial:
         return design
 
 
+def at_speed(motion: str, speed: float, design: Design) -> str:
+    """Return the name of a trial at a speed, which has the unit of the axis: "creep 0.1 rad/s", "creep 0.000955 m/s".
+
+    Parameters
+    ----------
+    motion : {"reversal", "creep"}
+    speed : float
+        Lengths of the axis in a second.
+    design : Design
+
+    Returns
+    -------
+    str
+    """
+    return axis_unit(f"{motion} {Limits.of(design).length * speed:.3g} rad/s", design.motion)
+
+
 def study_trials(design: Design) -> dict[str, Trial]:
     """Return the trials by name; all under position control, each with rest at its end.
 
@@ -70,14 +91,16 @@ def study_trials(design: Design) -> dict[str, Trial]:
     -------
     dict of str to Trial
     """
-    motions = {f"reversal {speed:g} rad/s": _sine_then_rest(design, speed) for speed in (0.5, 2.0, 10.0)}
-    motions["triangle"] = _path("triangle", _triangle)
-    motions |= {f"creep {speed:g} rad/s": _path("creep", _creep(speed)) for speed in (0.1, 1.0)}
-    motions["positioning"] = _path("positioning", _positioning)
-    motions["push"] = _push(design)
+    length = Limits.of(design).length
+    motions = {at_speed("reversal", v, design): _sine_then_rest(design, v * length) for v in (0.5, 2.0, 10.0)}
+    motions["triangle"] = _path("triangle", _triangle(length))
+    motions |= {at_speed("creep", v, design): _path("creep", _creep(v, length)) for v in (0.1, 1.0)}
+    motions["positioning"] = _path("positioning", _positioning(length))
+    motions["push"] = _push(design, 2.0 * length)
     trials = {name: Trial((motion,)) for name, motion in motions.items()}
-    trials[CIRCLE] = Trial((_circle(0), _circle(1)), radius=RADIUS)
-    trials[WARM_UP] = _warm_up(design)
+    radius = RADIUS * length
+    trials[CIRCLE] = Trial((_circle(0, radius), _circle(1, radius)), radius=radius)
+    trials[WARM_UP] = _warm_up(design, 20.0 * length)
     return trials
 
 
@@ -113,9 +136,9 @@ def named_trial(design: Design, name: str) -> Trial:
     return Trial((motion,))
 
 
-def _warm_up(design: Design) -> Trial:
-    """Reversals at 20 rad/s while Coulomb and viscous friction fall by 40 %, or as the design's own drift says."""
-    trial = Trial((_sine_then_rest(design, 20.0, cycles=10.0),))
+def _warm_up(design: Design, speed: float) -> Trial:
+    """Fast reversals while Coulomb and viscous friction fall by 40 %, or as the design's own drift says."""
+    trial = Trial((_sine_then_rest(design, speed, cycles=10.0),))
     if any("t" in effect.signals for effect, _ in bound_effects(design)):
         return trial
     F_c, F_v = design.parameters("coulomb").get("F_c", 0.0), design.parameters("viscous").get("F_v", 0.0)
@@ -123,7 +146,7 @@ def _warm_up(design: Design) -> Trial:
     return Trial(trial.motions, changed={thermal_drift.effect.id: drift})
 
 
-def _circle(axis: int) -> Scenario:
+def _circle(axis: int, radius: float) -> Scenario:
     """One axis of a circle, two turns at half a turn a second, from rest to rest: reversals are its quadrants.
 
     The angle on the circle runs up along half a cosine within 1 s. Axis 0 starts at a quadrant, where it turns.
@@ -150,21 +173,21 @@ def _circle(axis: int) -> Scenario:
         c, s = np.cos(phi), np.sin(phi)
         omega = np.where(t < steady + 2.0 * ramp, (-s if axis == 0 else c) * speed, 0.0)
         return {
-            "theta_ref": RADIUS * (c - 1.0 if axis == 0 else s),
-            "omega_ref": RADIUS * omega,
-            "alpha_ref": RADIUS * ((-c if axis == 0 else -s) * speed**2 + (-s if axis == 0 else c) * change),
+            "theta_ref": radius * (c - 1.0 if axis == 0 else s),
+            "omega_ref": radius * omega,
+            "alpha_ref": radius * ((-c if axis == 0 else -s) * speed**2 + (-s if axis == 0 else c) * change),
         }
 
     return Scenario(CIRCLE, steady + 2.0 * ramp + 1.0, references, control="position")
 
 
-def _push(design: Design) -> Scenario:
+def _push(design: Design, speed: float) -> Scenario:
     """A slow sine, then rest, in which a load of 5 ms can start a limit cycle: `PUSHES`, one from either side.
 
     One push is not enough: whether a cycle starts hangs on where the axis sticks after it. A cycle of 0.6 Hz needs the
     4 s.
     """
-    moving = _sine_then_rest(design, 2.0, cycles=1.0, rest=0.2 + sum(rest for _, rest in PUSHES))
+    moving = _sine_then_rest(design, speed, cycles=1.0, rest=0.2 + sum(rest for _, rest in PUSHES))
     load = Limits.of(design).breakaway * design.K_t
 
     def references(t: Array) -> Mapping[str, Array]:
@@ -204,30 +227,38 @@ def _path(name: str, build: Callable[[PathBuilder], None]) -> Scenario:
     return Scenario(name, builder.t, references, control="position")
 
 
-def _triangle(builder: PathBuilder) -> None:
-    """Speed in a slow triangle of +-2 rad/s, twice."""
-    for level in (2.0, -2.0, 2.0, -2.0, 0.0):
-        builder.ramp(level, 4.0)
-    builder.piece(1.0)
+def _triangle(length: float) -> Callable[[PathBuilder], None]:
+    """Speed in a slow triangle of +-2 lengths a second, twice."""
+
+    def build(builder: PathBuilder) -> None:
+        for level in (2.0, -2.0, 2.0, -2.0, 0.0):
+            builder.ramp(level * length, 4.0 * length)
+        builder.piece(1.0)
+
+    return build
 
 
-def _positioning(builder: PathBuilder) -> None:
-    """Half a radian there and back, with rests long enough to detect hunting from 0.7 Hz on."""
-    limits = Limits(speed=5.0, acceleration=50.0, jerk=1000.0)
-    for place in (0.5, 0.0):
-        builder.move(place, limits)
-        builder.piece(4.0)
+def _positioning(length: float) -> Callable[[PathBuilder], None]:
+    """Half a length there and back, with rests long enough to detect hunting from 0.7 Hz on."""
+    limits = Limits(speed=5.0 * length, acceleration=50.0 * length, jerk=1000.0 * length)
+
+    def build(builder: PathBuilder) -> None:
+        for place in (0.5, 0.0):
+            builder.move(place * length, limits)
+            builder.piece(4.0)
+
+    return build
 
 
-def _creep(speed: float) -> Callable[[PathBuilder], None]:
+def _creep(speed: float, length: float) -> Callable[[PathBuilder], None]:
     """Constant low speed in both directions, over at least half a period of cogging of order 24."""
 
     def build(builder: PathBuilder) -> None:
         stay = max(1.0, math.pi / 24.0 / speed)
         for signed in (speed, -speed):
-            builder.ramp(signed, 10.0)
+            builder.ramp(signed * length, 10.0 * length)
             builder.piece(stay)
-        builder.ramp(0.0, 10.0)
+        builder.ramp(0.0, 10.0 * length)
         builder.piece(1.0)
 
     return build

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pmsm_ctrl.compensate.metrics import UNITS
+from pmsm_ctrl.compensate.metrics import units_of
 from pmsm_ctrl.compensate.recommendation import first_unsafe
 from pmsm_ctrl.section import Template
 
@@ -46,7 +46,7 @@ def sentence(verdict: Verdict) -> str:
     """Return outcome, scenario, metric, value and limit in one line."""
     w = verdict.wanted
     if w.metric.endswith("_change"):
-        unit = UNITS[w.metric.removesuffix("_change")]
+        unit = units_of(verdict.design.motion)[w.metric.removesuffix("_change")]
         said = f"{w.metric} = {100 * verdict.value:+.1f} %, limit {100 * w.limit:+.1f} %"
         said += f" ({verdict.found:.4g} {unit}; without compensation {verdict.reference:.4g} {unit})"
     else:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pmsm_ctrl.compensate.motions import at_speed
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects, presliding
 
-__all__ = ["AT_REST", "BRISTLE_TRIALS", "DEFLECTION", "SWEEP_TRIALS", "Judged", "judged", "with_bristle"]
+__all__ = ["AT_REST", "DEFLECTION", "Judged", "bristle_trials", "judged", "sweep_trials", "with_bristle"]
 
-SWEEP_TRIALS = ("reversal 2 rad/s", "creep 1 rad/s", "positioning", "push")
-BRISTLE_TRIALS = ("reversal 0.5 rad/s", "positioning", "push")  # where the first moments of a motion count
 AT_REST = ("positioning", "push")
 # Breakaway deflection of the assumed bristle, rad and m. Published presliding displacements of bearings and ball screws
 # are 1 to 50 um (B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083); 10 um on the radius
@@ -34,6 +33,16 @@ class Judged:
     trial: str
     plant: Design
     at_rest: bool
+
+
+def sweep_trials(plant: Design) -> tuple[str, ...]:
+    """Return the trials on which every gain is judged."""
+    return at_speed("reversal", 2.0, plant), at_speed("creep", 1.0, plant), *AT_REST
+
+
+def bristle_trials(plant: Design) -> tuple[str, ...]:
+    """Return the trials in which the first moments of a motion count: those on a plant with presliding."""
+    return at_speed("reversal", 0.5, plant), *AT_REST
 
 
 def with_bristle(plant: Design) -> Design | None:
@@ -67,8 +76,9 @@ def judged(plant: Design) -> dict[str, Judged]:
     -------
     dict of str to Judged
     """
-    found = {name: Judged(name, plant, name in AT_REST) for name in SWEEP_TRIALS}
+    found = {name: Judged(name, plant, name in AT_REST) for name in sweep_trials(plant)}
     bristled = with_bristle(plant)
     if bristled is not None:
-        found |= {f"{name}, with presliding": Judged(name, bristled, name in AT_REST) for name in BRISTLE_TRIALS}
+        tried = bristle_trials(plant)
+        found |= {f"{name}, with presliding": Judged(name, bristled, name in AT_REST) for name in tried}
     return found

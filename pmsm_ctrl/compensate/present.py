@@ -9,13 +9,14 @@ from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
 
-from pmsm_ctrl.compensate.metrics import UNITS
+from pmsm_ctrl.compensate.metrics import units_of
 from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP
 from pmsm_ctrl.compensate.notices import safe_gain, sentence
 from pmsm_ctrl.compensate.result import CompensationStudy, Variant
 from pmsm_ctrl.compensate.window import FACTORS
 from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.section import Picture, Section, Table, present
+from pmsm_ctrl.units import axis_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,7 +60,7 @@ def first_pictures(result: CompensationStudy) -> tuple[Picture, ...]:
     ----------
     result : CompensationStudy
     """
-    angle = "m" if result.design.motion == "linear" else "rad"
+    angle = axis_unit("rad", result.design.motion)
 
     def drawn(example: Example) -> Figure:
         from pmsm_ctrl.compensate import figures
@@ -215,7 +216,7 @@ def _rest(result: CompensationStudy) -> tuple[Table, ...]:
     if result.theory is not None:
         name = "without compensation, theory for a small Stribeck speed"
         rows.append((name, f"{1e3 * result.theory.amplitude:.3g}", f"{1.0 / result.theory.period:.3g}"))
-    header = ("compensated", "amplitude [mrad]", "frequency [Hz]")
+    header = ("compensated", f"amplitude [m{axis_unit('rad', result.design.motion)}]", "frequency [Hz]")
     return (Table(header, tuple(rows), "Limit cycles at rest after positioning"),) if rows else ()
 
 
@@ -233,19 +234,20 @@ def _sweep(result: CompensationStudy) -> Table:
         for w in result.windows.values()
         for gain, rms, peak, cycle in zip(w.gains, w.rms, w.reversal_peak, w.cycle_counts, strict=True)
     )  # fmt: skip
+    angle = axis_unit("rad", result.design.motion)
     header = (
         "speed",
         "gain",
         "worst RMS, without compensation = 100 %",
         "worst reversal peak",
-        "limit cycle [encoder counts]" if any(w.count > 0.0 for w in result.windows.values()) else "limit cycle [rad]",
+        f"limit cycle [{'encoder counts' if any(w.count > 0.0 for w in result.windows.values()) else angle}]",
         "judged",
     )
     return Table(header, rows, "Sweep of the gain", folded=True)
 
 
 def _runs(result: CompensationStudy) -> Table:
-    metrics = (f"{name.replace('_', ' ')} [{unit}]" for name, unit in UNITS.items())
+    metrics = (f"{name.replace('_', ' ')} [{unit}]" for name, unit in units_of(result.design.motion).items())
     rows = tuple(
         (r.variant, r.motion, f"{100 * (r.factor - 1):+.0f} %", *(f"{v:.3g}" for v in asdict(r.metrics).values()))
         for r in result.table

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pmsm_ctrl.compensate import notices
 from pmsm_ctrl.compensate.acceptance import Verdict
 from pmsm_ctrl.compensate.examples import Example
-from pmsm_ctrl.compensate.metrics import UNITS, Metrics
+from pmsm_ctrl.compensate.metrics import Metrics, units_of
 from pmsm_ctrl.compensate.recommendation import Recommendation
 from pmsm_ctrl.compensate.theory import Hunting
 from pmsm_ctrl.compensate.window import GainWindow
@@ -214,7 +214,7 @@ class CompensationStudy(Result):
         return dict(jsonable({
             "schema": "pmsm-ctrl/compensation/1",
             **self.doubts(),
-            "units": UNITS,
+            "units": units_of(self.design.motion),
             "runs": [
                 {"variant": r.variant, "motion": r.motion, "factor": r.factor, **asdict(r.metrics)} for r in self.table
             ],

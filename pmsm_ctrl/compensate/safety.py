@@ -13,6 +13,7 @@ from pmsm_ctrl.compensate.window import GainWindow, gain_window
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import DesignError, PmsmCtrlError
 from pmsm_ctrl.simulate.feedforward import Feedforward
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["GainVerdict", "gain_verdict"]
 
@@ -81,10 +82,10 @@ def _judged(judged: _Judged, gain: float) -> GainVerdict:
     if window.safe >= gain:
         return GainVerdict(True)
     cycle = float(window.cycle[1:].max())  # the first is that of the axis without compensation
-    turn, on = "mm" if design.motion == "linear" else "mrad", f" (trial: {window.limited_by})"
+    milli, on = f"m{axis_unit('rad', design.motion)}", f" (trial: {window.limited_by})"
     if cycle > 0.0:
         counts = f" ({float(window.cycle_counts[1:].max()):.3g} encoder counts)" if window.count > 0.0 else ""
-        return GainVerdict(False, f"the axis has a limit cycle of {1e3 * cycle:.3g} {turn}{counts} at rest{on}")
+        return GainVerdict(False, f"the axis has a limit cycle of {1e3 * cycle:.3g} {milli}{counts} at rest{on}")
     rms = float(window.rms.max())
     return GainVerdict(False, f"the RMS error is {rms:.3g} times that without compensation{on}")
 

@@ -16,19 +16,33 @@ from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.regression.balances import make_record
 
-__all__ = ["MENU", "next_experiment", "separation"]
+__all__ = ["menu", "next_experiment", "separation"]
 
-# Motions to choose from, with what keeps them short.
-MENU: Mapping[str, Mapping[str, float]] = {
-    "identification": {},
-    "sweep": {},
-    "triangle": {},
-    "creep": {"speed_min": 0.5, "count": 3.0},
-    "multisine": {},
-    "s_curve": {},
-    "reversal": {},
-    "warm_up": {"duration": 60.0},
-}
+
+def menu(design: Design) -> dict[str, dict[str, float]]:
+    """Return the motions to choose from, with what keeps them short.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        Scenarios and their parameters, SI units.
+    """
+    from pmsm_ctrl.simulate.motions import Limits
+
+    return {
+        "identification": {},
+        "sweep": {},
+        "triangle": {},
+        "creep": {"speed_min": 0.5 * Limits.of(design).length, "count": 3.0},
+        "multisine": {},
+        "s_curve": {},
+        "reversal": {},
+        "warm_up": {"duration": 60.0},
+    }
 
 
 def next_experiment(case: Case, selection: Selection) -> Mapping[str, Any] | None:
@@ -51,7 +65,7 @@ def next_experiment(case: Case, selection: Selection) -> Mapping[str, Any] | Non
     best, power = "", 0.0
     if case.design.motor.electrical and case.design.loops is not None:
         truth = fitted_design(case.design, selection.fit)
-        found = {name: separation(case, truth, name, pair) for name in MENU}
+        found = {name: separation(case, truth, name, pair) for name in menu(case.design)}
         best = max(found, key=lambda name: found[name])
         power = found[best]
     needs = f"{first} needs {case.effects[first].needs}"
@@ -62,7 +76,7 @@ def next_experiment(case: Case, selection: Selection) -> Mapping[str, Any] | Non
     why = (
         f"in a simulation with {first} the fit of {second} is worse by {power:.3g} in twice the log-likelihood; {needs}"
     )
-    return answer | {"profile": best, "parameters": dict(MENU[best]), "why": why}
+    return answer | {"profile": best, "parameters": menu(case.design)[best], "why": why}
 
 
 def separation(case: Case, truth: Design, name: str, pair: tuple[str, str]) -> float:
@@ -87,7 +101,7 @@ def separation(case: Case, truth: Design, name: str, pair: tuple[str, str]) -> f
     from pmsm_ctrl.simulate.scenarios import scenario
 
     try:
-        log = simulate(case.design, scenario(name, case.design, **MENU[name]), truth=truth, seed=1)
+        log = simulate(case.design, scenario(name, case.design, **menu(case.design)[name]), truth=truth, seed=1)
         believed = case.design.replace_effects(tuple(e for e in truth.effects if e.id != pair[0]))
         offered = {identifier: case.effects[identifier] for identifier in pair}
         fit = Case(believed, make_record(case.design, log), offered).fit(())

@@ -31,7 +31,7 @@ def identification(
     Slow triangle through zero (Stribeck, breakaway), one slow turn each way (cogging, ripple), staircase in both
     directions up to speed_max [200 rad/s] (drag), the same reversal at three accelerations up to `acceleration`
     [3000 rad/s^2] (inertia), multisine of rms `amplitude` [0.03 A] at one speed each way (dynamics).
-    `duration` stretches the time spent at each.
+    `duration` stretches the time spent at each. A turn of a linear axis is 2 pi of its lengths.
 
     Raises
     ------
@@ -39,21 +39,22 @@ def identification(
         When the ramps leave too little of the duration.
     """
     limits = Limits.of(design)
-    top = limits.speed if speed_max is None else speed_max
+    top = limits.steady if speed_max is None else speed_max
     slope = limits.acceleration if acceleration is None else acceleration
     rms = 0.5 * limits.current if amplitude is None else amplitude
     require_positive("identification", duration=duration, speed_max=top, acceleration=slope, amplitude=rms)
-    unit = _time_unit(duration, top, slope)
+    turn = 2.0 * math.pi * limits.length
+    unit = _time_unit(duration, top, slope, turn)
     # A heavy load ramps slowly: the default speed is lowered to fit the duration.
-    while speed_max is None and unit < 0.4 and top > 0.02 * limits.speed:
+    while speed_max is None and unit < 0.4 and top > 0.02 * limits.steady:
         top *= 0.9
-        unit = _time_unit(duration, top, slope)
+        unit = _time_unit(duration, top, slope, turn)
     if unit < 0.2:
         raise RequestError(
             f"scenario 'identification': its ramps leave too little of the duration of {duration:g} s; "
             "it should be longer, or the acceleration greater"
         )
-    builder, segments = identification_parts(unit, top, slope)
+    builder, segments = identification_parts(unit, top, slope, turn)
     path, ramp = builder.path(), 0.3 * top / (0.1 * slope)
     stays = [(start + ramp, stop - ramp) for name, start, stop in segments if name in MULTISINES]
 
@@ -67,9 +68,9 @@ def identification(
     return Scenario("identification", duration, references, segments=tuple(segments))
 
 
-def _time_unit(duration: float, top: float, slope: float) -> float:
+def _time_unit(duration: float, top: float, slope: float, turn: float) -> float:
     """Return the time spent at each part: the duration less that of the ramps, shared."""
-    once, twice = (identification_parts(unit, top, slope)[0].t for unit in (1.0, 2.0))
+    once, twice = (identification_parts(unit, top, slope, turn)[0].t for unit in (1.0, 2.0))
     return (duration - (2.0 * once - twice)) / (twice - once)
 
 
@@ -78,11 +79,14 @@ def _slow_triangle(builder: PathBuilder, unit: float, top: float, slope: float) 
         builder.ramp(level, 0.4 * top / (5.0 * unit))
 
 
-def _slow_turns(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
-    for signed in (1.0, -1.0):
-        builder.ramp(signed * 2.0 * math.pi / 1.5, 0.01 * slope)  # one turn in 1.5 s
-        builder.piece(1.5 * unit)
-        builder.ramp(0.0, 0.01 * slope)
+def _slow_turns(turn: float) -> Callable[[PathBuilder, float, float, float], None]:
+    def part(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
+        for signed in (1.0, -1.0):
+            builder.ramp(signed * turn / 1.5, 0.01 * slope)  # one turn in 1.5 s
+            builder.piece(1.5 * unit)
+            builder.ramp(0.0, 0.01 * slope)
+
+    return part
 
 
 def _staircase(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
@@ -109,16 +113,19 @@ def _stay(share: float) -> Callable[[PathBuilder, float, float, float], None]:
     return part
 
 
-def identification_parts(unit: float, top: float, slope: float) -> tuple[PathBuilder, list[tuple[str, float, float]]]:
+def identification_parts(
+    unit: float, top: float, slope: float, turn: float
+) -> tuple[PathBuilder, list[tuple[str, float, float]]]:
     """Return the parts of the identification run in order, and their names with start and end.
 
-    `unit` stretches the time spent at each, about 1 for a run of 30 s; `top` speed in rad/s, `slope` in rad/s^2.
+    `unit` stretches the time spent at each, about 1 for a run of 30 s; `top` speed in rad/s, `slope` in rad/s^2, the
+    way of the slow `turn` in rad.
     """
     builder = PathBuilder()
     segments = []
     for name, part in (
         ("slow triangle", _slow_triangle),
-        ("slow turns", _slow_turns),
+        ("slow turns", _slow_turns(turn)),
         ("staircase", _staircase),
         ("reversals", _reversals),
         *((name, _stay(share)) for name, share in MULTISINES.items()),

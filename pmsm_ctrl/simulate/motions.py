@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -31,6 +31,9 @@ INPUTS: tuple[str, ...] = ("theta_ref", "omega_ref", "alpha_ref", "i_q_add", "i_
 TIME_TOLERANCE = 1e-9
 
 OVERSAMPLED = 16  # points of a noise per period of its highest frequency: a cubic between them is exact to 1e-4
+BRISK = 100.0  # lengths/s^2; the motions that are stated in lengths take up to 63
+STEADY = 10.0  # lengths/s that a linear axis holds
+UNKNOWN = 0.01  # m, length of a linear axis without electrical data
 MOST_PARTS = 100_000  # cycles, levels, moves or lines of one motion; each takes memory before the motion is simulated
 
 
@@ -135,6 +138,13 @@ class Limits:
         Amplitude of an injected test signal, A.
     breakaway : float
         Current that is sure to move the shaft from rest, A.
+    length : float
+        What lengths of motions are stated in: 1 rad. Of a linear axis the length, m, with which motions that are made
+        for the reference motor stay within the limits.
+    steady : float
+        Speed that is held for seconds, rad/s: the limit. A linear axis would come to its end: 10 lengths in a second.
+    swing : float
+        Amplitude of slow waves of the speed, rad/s: a tenth of the limit; of a linear axis 10 lengths in a second.
     """
 
     speed: float = 200.0
@@ -142,15 +152,34 @@ class Limits:
     jerk: float = 150000.0
     current: float = 0.06
     breakaway: float = 0.0412
+    length: float = 1.0
+    steady: float = 200.0
+    swing: float = 20.0
 
     @classmethod
     def of(cls, design: Design | None) -> Limits:
         """Return the limits of a design, rounded down to one digit; the reference motor's where the design has no data.
 
         The speed is 0.43 of that at which the EMF meets the voltage limit, u_dc / (sqrt(3) p psi_f); the
-        acceleration takes a tenth of the greatest torque; the jerk builds it up in 20 ms.
+        acceleration takes a tenth of the greatest torque; the jerk builds it up in 20 ms. The length of a linear axis
+        is such that neither 200 lengths a second, the reference motor's full speed, nor `BRISK` lengths a second
+        squared are beyond them.
         """
+        own = cls._of_motor(design)
+        if design is None or design.motion == "rotary":
+            return replace(own, steady=own.speed, swing=0.1 * own.speed)
+        # Round is what stands for a turn, 2 pi lengths. At round speeds an encoder moves on by whole counts in a few
+        # periods of the drive, and a log would take the current ripple of its steps always at the same place.
+        turn = _one_digit(2.0 * math.pi * min(own.speed / cls.speed, own.acceleration / BRISK))
+        length = turn / (2.0 * math.pi)
+        return replace(own, length=length, steady=STEADY * length, swing=STEADY * length)
+
+    @classmethod
+    def _of_motor(cls, design: Design | None) -> Limits:
+        """Return the limits that motor and drive set."""
         standard = cls()
+        if design is not None and design.motion == "linear":
+            standard = cls(*(UNKNOWN * value for value in (cls.speed, cls.acceleration, cls.jerk)))
         if design is None or not design.motor.electrical:
             return standard
         p, psi_f = design.motor.p, design.motor.psi_f
@@ -160,7 +189,7 @@ class Limits:
         friction = _friction_level(design) / design.K_t
         i_max = design.drive.i_max
         if not math.isfinite(i_max):
-            return cls(speed=speed, breakaway=2.0 * friction or standard.breakaway)
+            return replace(standard, speed=speed, breakaway=2.0 * friction or standard.breakaway)
         acceleration = _one_digit(0.1 * design.K_t * i_max / design.J)
         return cls(speed, acceleration, acceleration / 0.02, 0.02 * i_max, 2.0 * friction or 0.02 * i_max)
 

@@ -1,7 +1,8 @@
 """Named motions. A scenario has a duration and returns the references at given times.
 
 A maker takes its parameters by keyword, in SI units. A default of None follows from the design (`Limits`); the value
-in brackets is the reference motor's. Every motion starts at rest.
+in brackets is the reference motor's. Every motion starts at rest. For a linear axis read m for rad, N for N m; its
+lengths and speeds are multiples of `Limits.length`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from pmsm_ctrl.simulate.motions import (
     triangle_signal,
     whole,
 )
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["SCENARIOS", "scenario"]
 
@@ -53,7 +55,7 @@ def sweep(
     [3000 rad/s^2], within the first half of its dwell; the others by a step, as in the paper.
     """
     limits = Limits.of(design)
-    top = limits.speed if speed_max is None else speed_max
+    top = limits.steady if speed_max is None else speed_max
     step = top / 20.0 if speed_step is None else speed_step
     slope = limits.acceleration if acceleration is None else acceleration
     require_positive("sweep", speed_max=top, speed_step=step, dwell=dwell, acceleration=slope)
@@ -65,7 +67,8 @@ def sweep(
         index = np.clip(((t + TIME_TOLERANCE) / dwell).astype(np.intp), 0, count)
         return {"omega_ref": levels[index] * np.minimum(t / approach, 1.0)}
 
-    segments = tuple((f"{level:g} rad/s", k * dwell, (k + 1) * dwell) for k, level in enumerate(levels.tolist()))
+    unit = _unit("rad/s", design)
+    segments = tuple((f"{level:g} {unit}", k * dwell, (k + 1) * dwell) for k, level in enumerate(levels.tolist()))
     return Scenario("sweep", dwell * (count + 1), references, segments=segments)
 
 
@@ -73,7 +76,7 @@ def triangle(
     *, speed: float | None = None, period: float = 8.0, cycles: float = 3.0, design: Design | None = None
 ) -> Scenario:
     """Slow triangular speed through zero, to `speed` [20 rad/s] and -speed, `cycles` times."""
-    peak = 0.1 * Limits.of(design).speed if speed is None else speed
+    peak = Limits.of(design).swing if speed is None else speed
     require_positive("triangle", speed=peak, period=period, cycles=cycles)
     builder = PathBuilder()
     slope = 4.0 * peak / period
@@ -88,8 +91,8 @@ def triangle(
 
 def creep(
     *,
-    speed_min: float = 0.1,
-    speed_max: float = 5.0,
+    speed_min: float | None = None,
+    speed_max: float | None = None,
     count: float = 4.0,
     turns: float = 1.0,
     pause: float = 0.5,
@@ -98,12 +101,16 @@ def creep(
 ) -> Scenario:
     """Turn slowly, `turns` forth and back, at `count` speeds from speed_min to speed_max in equal ratios.
 
-    With the defaults one turn each way at 0.1, 0.37, 1.4 and 5 rad/s: 176 s. With count = 1, at speed_min alone.
+    speed_min [0.1 rad/s], speed_max [5 rad/s]. With the defaults one turn each way at 0.1, 0.37, 1.4 and 5 rad/s:
+    176 s. With count = 1, at speed_min alone. A turn of a linear axis is 2 pi of its lengths.
     """
-    slope = 0.1 * Limits.of(design).acceleration if acceleration is None else acceleration
-    require_positive("creep", speed_min=speed_min, speed_max=speed_max, turns=turns, acceleration=slope)
+    limits = Limits.of(design)
+    slope = 0.1 * limits.acceleration if acceleration is None else acceleration
+    slowest = 0.1 * limits.length if speed_min is None else speed_min
+    fastest = 5.0 * limits.length if speed_max is None else speed_max
+    require_positive("creep", speed_min=slowest, speed_max=fastest, turns=turns, acceleration=slope)
     number = whole("creep", "count", count)
-    speeds = np.geomspace(speed_min, speed_max, number) if number > 1 else np.array([speed_min])
+    speeds = np.geomspace(slowest, fastest, number) if number > 1 else np.array([slowest])
     builder = PathBuilder()
     segments = []
     for speed in speeds.tolist():
@@ -111,8 +118,8 @@ def creep(
             builder.piece(pause)
             start = builder.t
             builder.ramp(signed, slope)
-            builder.piece(2.0 * math.pi * turns / speed)
-            segments.append((f"{signed:.3g} rad/s", start, builder.t))
+            builder.piece(2.0 * math.pi * limits.length * turns / speed)
+            segments.append((f"{signed:.3g} {_unit('rad/s', design)}", start, builder.t))
             builder.ramp(0.0, slope)
     builder.piece(pause)
     return _speed_scenario("creep", builder, segments)
@@ -136,7 +143,7 @@ def multisine(
     multiples of 1 / period. The axis runs up and settles for 1 s first.
     """
     limits = Limits.of(design)
-    turning = 0.25 * limits.speed if bias is None else bias
+    turning = 0.25 * limits.steady if bias is None else bias
     rms = limits.current if amplitude is None else amplitude
     require_positive("multisine", amplitude=rms, f_min=f_min, period=period)
     require_positive("multisine", **{"f_max - f_min": f_max - f_min})
@@ -166,7 +173,7 @@ def chirp(
     From f_start to f_stop (Hz) in `duration` s, after the axis has run up and settled for 1 s.
     """
     limits = Limits.of(design)
-    turning = 0.25 * limits.speed if bias is None else bias
+    turning = 0.25 * limits.steady if bias is None else bias
     peak = math.sqrt(2.0) * limits.current if amplitude is None else amplitude
     require_positive("chirp", amplitude=peak, f_start=f_start, duration=duration)
     require_positive("chirp", **{"f_stop - f_start": f_stop - f_start})
@@ -194,7 +201,7 @@ def noise(
     `bias` [50 rad/s]. The axis runs up and settles for 1 s first. Keep f_max below 0.4 times the log's rate.
     """
     limits = Limits.of(design)
-    turning = 0.25 * limits.speed if bias is None else bias
+    turning = 0.25 * limits.steady if bias is None else bias
     rms = limits.current if amplitude is None else amplitude
     require_positive("noise", amplitude=rms, f_min=f_min, duration=duration, **{"f_max - f_min": f_max - f_min})
     whole("noise", "duration times f_max", math.ceil(duration * f_max))
@@ -229,7 +236,7 @@ def prbs(
         When `order` is no number of a sequence.
     """
     limits = Limits.of(design)
-    turning = 0.25 * limits.speed if bias is None else bias
+    turning = 0.25 * limits.steady if bias is None else bias
     peak = limits.current if amplitude is None else amplitude
     require_positive("prbs", amplitude=peak, clock=clock, duration=duration)
     if not 2 <= whole("prbs", "order", order) <= LONGEST_ORDER:
@@ -283,29 +290,33 @@ def hold(
     return Scenario("hold", duration, references, control="current", segments=(("hold", 0.0, duration),))
 
 
-def positioning(*, step: float = 1.0, count: float = 5.0, dwell: float = 1.0, design: Design | None = None) -> Scenario:
-    """Steps of the reference angle: `count` times `step` rad up and back down, `dwell` s each; position control."""
-    require_positive("positioning", step=step, dwell=dwell)
+def positioning(
+    *, step: float | None = None, count: float = 5.0, dwell: float = 1.0, design: Design | None = None
+) -> Scenario:
+    """Steps of the reference angle: `count` times `step` [1 rad] up and back down, `dwell` s each; position control."""
+    height = Limits.of(design).length if step is None else step
+    require_positive("positioning", step=height, dwell=dwell)
     number = whole("positioning", "count", count)
-    places = step * np.array([*range(number + 1), *range(number - 1, -1, -1)], dtype=np.float64)
+    places = height * np.array([*range(number + 1), *range(number - 1, -1, -1)], dtype=np.float64)
 
     def references(t: Array) -> Mapping[str, Array]:
         return {"theta_ref": places[np.clip(((t + TIME_TOLERANCE) / dwell).astype(np.intp), 0, 2 * number)]}
 
-    segments = tuple((f"{k + 1}: {x:g} rad", k * dwell, (k + 1) * dwell) for k, x in enumerate(places.tolist()))
+    unit = _unit("rad", design)
+    segments = tuple((f"{k + 1}: {x:g} {unit}", k * dwell, (k + 1) * dwell) for k, x in enumerate(places.tolist()))
     return Scenario("positioning", places.size * dwell, references, control="position", segments=segments)
 
 
 def trapezoid(
     *,
-    distance: float = 20.0 * math.pi,
+    distance: float | None = None,
     speed: float | None = None,
     acceleration: float | None = None,
     dwell: float = 0.5,
     cycles: float = 4.0,
     design: Design | None = None,
 ) -> Scenario:
-    """Moves of `distance` rad forth and back with a trapezoidal speed profile; position control.
+    """Moves of `distance` [10 turns] forth and back with a trapezoidal speed profile; position control.
 
     speed [200 rad/s], acceleration [3000 rad/s^2]; `dwell` s of rest before every move.
     """
@@ -314,7 +325,7 @@ def trapezoid(
 
 def s_curve(
     *,
-    distance: float = 20.0 * math.pi,
+    distance: float | None = None,
     speed: float | None = None,
     acceleration: float | None = None,
     jerk: float | None = None,
@@ -322,7 +333,7 @@ def s_curve(
     cycles: float = 4.0,
     design: Design | None = None,
 ) -> Scenario:
-    """Moves of `distance` rad forth and back with limited jerk [150000 rad/s^3]; position control.
+    """Moves of `distance` [10 turns] forth and back with limited jerk [150000 rad/s^3]; position control.
 
     speed [200 rad/s], acceleration [3000 rad/s^2]; `dwell` s of rest before every move.
     """
@@ -341,7 +352,7 @@ def warm_up(
 ) -> Scenario:
     """Run at `speed` [150 rad/s] for `dwell` s forth and back in turn, for `duration` s: friction changes with heat."""
     limits = Limits.of(design)
-    level = 0.75 * limits.speed if speed is None else speed
+    level = 0.75 * limits.steady if speed is None else speed
     slope = 0.1 * limits.acceleration if acceleration is None else acceleration
     require_positive("warm_up", speed=level, duration=duration, dwell=dwell, acceleration=slope)
     half = dwell + 2.0 * level / slope
@@ -364,7 +375,7 @@ def reversal(
 
     Friction shows as a peak of the position error where the speed changes sign.
     """
-    peak = 0.1 * Limits.of(design).speed if speed is None else speed
+    peak = Limits.of(design).swing if speed is None else speed
     require_positive("reversal", speed=peak, frequency=frequency, cycles=cycles)
     w = 2.0 * math.pi * frequency
 
@@ -382,7 +393,7 @@ def reversal(
 
 def _moves(
     name: str,
-    distance: float,
+    distance: float | None,
     speed: float | None,
     acceleration: float | None,
     jerk: float,
@@ -393,12 +404,13 @@ def _moves(
     """Moves forth and back in position control."""
     own = Limits.of(design)
     v, a = (own.speed if speed is None else speed), (own.acceleration if acceleration is None else acceleration)
-    require_positive(name, distance=distance, speed=v, acceleration=a, dwell=dwell)
+    far = 20.0 * math.pi * own.length if distance is None else distance
+    require_positive(name, distance=far, speed=v, acceleration=a, dwell=dwell)
     limits = Limits(speed=v, acceleration=a, jerk=jerk)
     builder = PathBuilder()
     segments = []
     for k in range(whole(name, "cycles", cycles)):
-        for place, way in ((distance, "forth"), (0.0, "back")):
+        for place, way in ((far, "forth"), (0.0, "back")):
             builder.piece(dwell)
             start = builder.t
             builder.move(place, limits)
@@ -410,6 +422,11 @@ def _moves(
         return dict(zip(("theta_ref", "omega_ref", "alpha_ref"), path.at(t), strict=True))
 
     return Scenario(name, builder.t, references, control="position", segments=tuple(segments))
+
+
+def _unit(rotary: str, design: Design | None) -> str:
+    """Return a rotary unit as that of the design's axis."""
+    return rotary if design is None else axis_unit(rotary, design.motion)
 
 
 def _run_up(speed: float, limits: Limits) -> tuple[Path, float]:

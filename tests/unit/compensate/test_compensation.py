@@ -24,7 +24,7 @@ from pmsm_ctrl.compensate import (
 from pmsm_ctrl.compensate.acceptance import accept
 from pmsm_ctrl.compensate.metrics import Metrics, limit_cycle
 from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP, Trial, _sine_then_rest
-from pmsm_ctrl.compensate.plants import BRISTLE_TRIALS, SWEEP_TRIALS, judged, with_bristle
+from pmsm_ctrl.compensate.plants import bristle_trials, judged, sweep_trials, with_bristle
 from pmsm_ctrl.compensate.result import CompensationStudy, own_change
 from pmsm_ctrl.compensate.study import SOURCES, with_bandwidth
 from pmsm_ctrl.compensate.window import sweep_gains
@@ -75,7 +75,7 @@ def brief(design: Design) -> CompensationStudy:
     the push one of two, the circle one turn of two.
     """
     every = study_trials(design)
-    few = {name: every[name] for name in {*SWEEP_TRIALS, *BRISTLE_TRIALS, CIRCLE}}
+    few = {name: every[name] for name in {*sweep_trials(design), *bristle_trials(design), CIRCLE}}
     few |= {f"reversal {speed:g} rad/s": Trial((_sine_then_rest(design, speed, cycles=1.0),)) for speed in (0.5, 2.0)}
     for name, duration in (("positioning", 0.5), ("push", 6.2 / 10.2), (CIRCLE, 0.5)):
         motions = (replace(motion, duration=duration * motion.duration) for motion in every[name].motions)
@@ -607,4 +607,4 @@ def test_a_bristle_is_assumed_once_and_only_with_dry_friction(design: Design) ->
     assert bristled.parameters("presliding")["z_s"] == 5e-4
     assert with_bristle(bristled) is None
     assert with_bristle(design.replace_effects(())) is None
-    assert set(judged(bristled)) == set(SWEEP_TRIALS)
+    assert set(judged(bristled)) == set(sweep_trials(bristled))
