@@ -122,8 +122,9 @@ def simulator_files(design: Design, found: JointFriction, errors: LogErrors | No
 
 def _remarks(design: Design, found: JointFriction, errors: LogErrors | None) -> list[str]:
     lost = ", ".join(found.lost) or "none"
+    where = "of the linear axis" if design.motion == "linear" else "at the motor's shaft"
     lines = [
-        f"Friction of {plain(design.name)} by pmsm_ctrl; SI units, at the motor's shaft.",
+        f"Friction of {plain(design.name)} by pmsm_ctrl; SI units, {where}.",
         f"Not held by this format: {lost}.",
         f"The line of Coulomb and viscous friction misses {100.0 * found.missed:.2g} % of the friction (rms, evenly "
         "over the speeds); the full model breaks away at "

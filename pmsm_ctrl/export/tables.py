@@ -160,7 +160,7 @@ def table_files(design: Design, logs: Sequence[Log] = ()) -> dict[str, str]:
         files |= simulator_files(design, joint, errors)
     rows, angles = cogging_table(design), angle_table(design)
     if rows:
-        lines = ["order,amplitude [N m],phase [rad],phase [deg]"]
+        lines = [f"order,amplitude [{axis_unit('N m', design.motion)}],phase [rad],phase [deg]"]
         lines += [f"{k:.12g},{a:.12g},{phase:.12g},{_degrees(phase):.12g}" for k, a, phase in rows]
         theta = "mechanical angle of the logs, rad" if rotary else "position of the logs, m"
         lines.append(
@@ -168,6 +168,7 @@ def table_files(design: Design, logs: Sequence[Log] = ()) -> dict[str, str]:
             "from its zero. Sign, zero and sine or cosine of a drive may differ: turn the phase to its convention"
         )
         files[f"{axis}_cogging.csv"] = "\n".join([*lines, ""])
+    if rotary and rows:  # the drive counts harmonics of a turn
         files[f"{axis}_cogging_ax8000.csv"] = _ax8000(rows)
     if rotary and np.any(angles[:, 1:]):
         lines = ["index,angle [rad],torque forwards [N m],torque backwards [N m]"]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pmsm_ctrl.track import model
+from pmsm_ctrl.units import axis_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,7 +58,7 @@ def _estimate(axis: Any, tracking: Tracking, name: str, unit: str, nominal: floa
 
 def _gating(axis: Any, tracking: Tracking, shown: slice) -> None:
     """Speed, and behind it what kept the filter from learning."""
-    unit = "m/s" if tracking.design.motion == "linear" else "rad/s"
+    unit = axis_unit("rad/s", tracking.design.motion)
     axis.plot(tracking.t[shown], tracking.omega[shown], color=BLACK, linewidth=0.8)
     low, high = axis.get_ylim()
     for label, (events, colour) in SHADES.items():

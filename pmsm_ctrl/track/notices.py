@@ -20,12 +20,12 @@ MEASUREMENT_EFFECT_IN_STREAM = Template(
 NOT_MOVED = Template("not_moved", "the axis never moved long enough: the estimates are the design's values")
 UNMODELLED_TORQUE = Template(
     "unmodelled_torque",
-    "the torque noise is {factor:.2g} times that of the sensors: the log contains torque that the design does not "
+    "the {drive} noise is {factor:.2g} times that of the sensors: the log contains {drive} that the design does not "
     "model; the error bands cover its size, not its shape{remedy}",
 )
 UNDERSAMPLED = Template(
     "torque_undersampled",
-    "the torque scatters by {scatter:.2g} {unit} from sample to sample, {times:.2g} times F_c and {louder:.2g} times "
+    "the {drive} scatters by {scatter:.2g} {unit} from sample to sample, {times:.2g} times F_c and {louder:.2g} times "
     "the sensors' noise: the speed loop answers the encoder's steps faster than the log samples that, and a sample is "
     "no mean; F_c and J may be off by more than their standard errors; log at the speed loop's rate, {rate:g} Hz",
 )

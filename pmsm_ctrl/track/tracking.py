@@ -19,7 +19,7 @@ from pmsm_ctrl.track import model, notices
 from pmsm_ctrl.track.inputs import Samples, located, noise_from_samples, samples_of, scatter
 from pmsm_ctrl.track.result import Tracking, mean_of_judged
 from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
-from pmsm_ctrl.units import axis_unit
+from pmsm_ctrl.units import axis_unit, drives
 
 __all__ = ["Filtered", "filter_samples", "track"]
 
@@ -82,7 +82,7 @@ def track(
     if out.noise > model.EXCESS_LIMIT:
         missing = ",".join(name for name in ("T_load", "J") if name not in settings.estimate)
         remedy = f"; a load or an inertia that the design does not know: --estimate {missing}" if missing else ""
-        doubts.append(notices.UNMODELLED_TORQUE(factor=raised, remedy=remedy))
+        doubts.append(notices.UNMODELLED_TORQUE(drive=drives(log.motion), factor=raised, remedy=remedy))
     doubts += _doubts(settings, s, out)
     active = [model.STATES[k] for k in settings.active if k not in (model.OMEGA, model.THETA)]
     history = {name: out.estimates[:, model.STATES.index(name)] for name in active}
@@ -131,8 +131,8 @@ def _undersampled(design: Design, log: Log, samples: Samples) -> list[Notice]:
     slow = design.motor.electrical and log.period > 1.5 * design.drive.speed_period
     if not (slow and 0.0 < friction < found and found > LOUD * noise > 0.0):
         return []
-    unit, rate = axis_unit("N m", log.motion), 1.0 / design.drive.speed_period
-    return [notices.UNDERSAMPLED(scatter=found, unit=unit, times=found / friction, louder=found / noise, rate=rate)]
+    names = {"drive": drives(log.motion), "unit": axis_unit("N m", log.motion), "rate": 1.0 / design.drive.speed_period}
+    return [notices.UNDERSAMPLED(scatter=found, times=found / friction, louder=found / noise, **names)]
 
 
 def _correlation(covariance: Array, scale: Array) -> Array:

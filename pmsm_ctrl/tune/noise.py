@@ -47,7 +47,7 @@ class Noise:
     current_ripple : float
         Of the true current, from the noise of the current measurement, A rms.
     torque_ripple : float
-        From both, N m rms.
+        Of the true torque, from both, N m rms.
     """
 
     encoder_gain: float

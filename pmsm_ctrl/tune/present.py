@@ -12,7 +12,7 @@ from pmsm_ctrl.rendering.numbers import number
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.tune.drive_units import NOTE
 from pmsm_ctrl.tune.result import Tuning, UnstableLoopError
-from pmsm_ctrl.units import axis_unit
+from pmsm_ctrl.units import axis_unit, drives
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -270,15 +270,17 @@ def _filter_words(result: Tuning) -> tuple[str, ...]:
 
 def _resistance(result: Tuning) -> Table:
     s, n, smallest = result.stiffness, result.noise, "smallest dynamic stiffness"
+    quantity = drives(result.design.motion)
+    scale, unit = (1.0, "N rms") if quantity == "force" else (1e3, "mN m rms")
     rows = (
         (f"{smallest}, position loop (at {number(s.position_frequency)} Hz)", _number(s.position_dynamic), "N m/rad"),
         (f"{smallest}, speed loop (at {number(s.speed_frequency)} Hz)", _number(s.speed_dynamic), "N m s/rad"),
         ("proportional stiffness K_t K_p (K_v + 1/T_n)", _number(s.position_proportional), "N m/rad"),
         ("static stiffness (integrator)", "unlimited", "N m/rad"),
-        ("noise gain, encoder angle to current", _number(n.encoder_gain), "A/rad"),
-        ("current ripple from encoder quantisation", _number(1e3 * n.encoder_ripple), "mA rms"),
-        ("current ripple from current noise", _number(1e3 * n.current_ripple), "mA rms"),
-        ("torque ripple from both", _number(1e3 * n.torque_ripple), "mN m rms"),
+        ("noise gain, encoder to current reference", _number(n.encoder_gain), "A/rad"),
+        ("ripple of the current reference from encoder quantisation", _number(1e3 * n.encoder_ripple), "mA rms"),
+        ("ripple of the true current from current noise", _number(1e3 * n.current_ripple), "mA rms"),
+        (f"ripple of the true {quantity} from both", _number(scale * n.torque_ripple), unit),
     )  # fmt: skip
     return Table(("quantity", "value", "unit"), rows, "Stiffness and noise")
 

@@ -25,6 +25,7 @@ from pmsm_ctrl.tune.observer import loop_with_observer
 from pmsm_ctrl.tune.sampled import Cascade, frequencies
 from pmsm_ctrl.tune.speed import open_loop
 from pmsm_ctrl.tune.steps import Step, current_headroom, linear_step, linear_steps, voltage_headroom
+from pmsm_ctrl.units import axis_unit
 
 __all__ = [
     "BANDWIDTH_TOLERANCE", "OBSERVED", "PHASE_TOLERANCE", "Check", "Explanation", "MeasuredLoop", "Outcome", "Proof",
@@ -36,6 +37,7 @@ Complex = NDArray[np.complex128]
 
 BANDWIDTH_TOLERANCE = 0.05  # share of the predicted crossover
 PHASE_TOLERANCE = 3.0  # deg of phase margin
+RIPPLE = "ripple of the current reference from the encoder"
 RIPPLE_SPEEDS = (0.71, 0.83, 0.97, 1.09, 1.23)  # shares of the speed, over which the encoder's ripple is averaged
 OBSERVED = "speed loop with disturbance observer"
 SWAY = 0.3  # part of the speed by which a test signal may change it
@@ -436,7 +438,7 @@ def _step_checks(name: str, predicted: Step, found: Step) -> list[Check]:
 
 def _move_checks(move: MovePair, *, judged: bool, motion: str) -> list[Check]:
     """Peak error, overshoot and settling of a profiled move; the peak without dry friction is judged."""
-    subject, milli = f"{move.profile.replace('_', '-')} move", "mm" if motion == "linear" else "mrad"
+    subject, milli = f"{move.profile.replace('_', '-')} move", f"m{axis_unit('rad', motion)}"
     outcome = Outcome.NOT_JUDGED
     if judged and not move.limited:
         outcome = Outcome.PASSED if move.agrees else Outcome.FAILED
@@ -464,4 +466,4 @@ def _ripple(experiment: _Experiment) -> list[Check]:
         squares.append(sum(runs) / len(runs))
     found = math.sqrt(max(squares[0] - squares[1], 0.0))
     predicted = noise(experiment.cascade).encoder_ripple
-    return [Check("speed loop", "current ripple from the encoder", "mA rms", 1e3 * predicted, 1e3 * found)]
+    return [Check("speed loop", RIPPLE, "mA rms", 1e3 * predicted, 1e3 * found)]

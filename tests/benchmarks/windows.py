@@ -67,7 +67,7 @@ def side_by_side(runs: Mapping[Key, Prepared], seed: int, trial: Trial) -> dict[
     keys, found = list(runs), {}
 
     def take(number: int, log: Log) -> None:
-        found[keys[number]] = judge(trial, (log,)(runs[keys[number]].design))
+        found[keys[number]] = judge(trial, (log,), runs[keys[number]].design.encoder_step)
 
     for group in groups(dict(enumerate(runs.values())), always=True):
         load_lanes(group)

@@ -17,7 +17,7 @@ from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.tune import Tuning
 from pmsm_ctrl.tune import proof as proving
 from pmsm_ctrl.tune.optimise import optimise, reversal
-from pmsm_ctrl.tune.proof import BANDWIDTH_TOLERANCE, PHASE_TOLERANCE, Outcome, Proof, default_speed, prove
+from pmsm_ctrl.tune.proof import BANDWIDTH_TOLERANCE, PHASE_TOLERANCE, RIPPLE, Outcome, Proof, default_speed, prove
 from pmsm_ctrl.tune.tuning import tune
 from tests.benchmarks.machines import machine
 from tests.effort import slow
@@ -82,7 +82,7 @@ def test_everything_else_that_was_predicted_is_close(tuned):
 
 
 def test_the_ripple_predicted_from_the_encoder_is_the_simulated_one(tuned):
-    predicted, simulated = values(tuned.proof)["speed loop", "current ripple from the encoder"]
+    predicted, simulated = values(tuned.proof)["speed loop", RIPPLE]
     assert simulated == pytest.approx(predicted, rel=0.15)
 
 
