@@ -474,7 +474,7 @@ def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[st
     return lines, doubts
 
 
-def _emf_check(p: int, psi_f: float, emf: Answer) -> list[Notice]:
+def _emf_check(p: float, psi_f: float, emf: Answer) -> list[Notice]:
     """Both constants of a sheet state the same flux: a ratio between them is a convention that was misread."""
     ratio = DATASHEET[emf.field].to_si(emf.value, p) / psi_f
     if abs(ratio - 1.0) <= 0.08:

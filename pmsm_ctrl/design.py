@@ -85,6 +85,8 @@ class Design(Part):
 
     @model_validator(mode="after")
     def _consistent(self) -> Design:
+        if self.motion == "rotary" and self.motor.p is not None and self.motor.p != int(self.motor.p):
+            raise ValueError(f"motor.p: found {self.motor.p:g}; a whole number of pole pairs was expected")
         if self.loops is not None:
             self.loops.require_sampled(self.drive.speed_period)
         return self

@@ -23,6 +23,10 @@ Positive = Annotated[float, Field(ge=SMALL, le=LARGE, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGE, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGE, le=LARGE, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
+# Whole numbers stay whole, so that a shaft's are written as such.
+PolePairs = Annotated[
+    float, Field(ge=1, le=1000, allow_inf_nan=False), AfterValidator(lambda p: int(p) if p == int(p) else p)
+]
 
 
 class Part(BaseModel):
@@ -61,10 +65,10 @@ def _convert_datasheet(data: dict[str, Any], part: type[SheetPart]) -> dict[str,
         if sheet is not None:
             if isinstance(value, bool) or not isinstance(value, int | float) or LONG < abs(value) < math.inf:
                 raise ValueError(f"{key} must be a number ({sheet.meaning}), not {value!r:.60}")
-            pole_pairs = data.get("p")
-            if sheet.per_pole_pair and (not isinstance(pole_pairs, int) or pole_pairs < 1):
-                raise ValueError(f"{key} needs the pole pairs p, an integer of at least 1")
-            si = sheet.to_si(value, pole_pairs or 1)
+            pole_pairs: Any = data.get("p")
+            if sheet.per_pole_pair and not (isinstance(pole_pairs, int | float) and pole_pairs >= 1):
+                raise ValueError(f"{key} needs the pole pairs p, a number of at least 1")
+            si = sheet.to_si(value, pole_pairs if sheet.per_pole_pair else 1)
             targets = {"L_d": si, "L_q": si} if sheet.field == "L" else {sheet.field: si}
         for name, converted in targets.items():
             if name in origin:
@@ -90,7 +94,9 @@ class Motor(SheetPart):
     J: Positive | None = Field(
         description="rotor inertia, kg m^2 (moving mass in kg for a linear axis), or 'unknown': a log then tells it"
     )
-    p: int | None = Field(default=None, ge=1, le=1000, description="pole pairs")
+    p: PolePairs | None = Field(
+        default=None, description="pole pairs; of a linear axis in 2 pi m, pi m over the pole pitch, no whole number"
+    )
     psi_f: Positive | None = Field(default=None, description="permanent-magnet flux linkage, Wb")
     R: Positive | None = Field(default=None, description="phase resistance, Ohm")
     L_d: Positive | None = Field(default=None, description="direct-axis inductance, H")

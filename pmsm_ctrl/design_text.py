@@ -169,7 +169,7 @@ def _set(table: Any, key: str, value: Any, fields: Mapping[str, Any]) -> None:
     names = _names_of(table, key)
     sheet = DATASHEET.get(names[0]) if names else None
     if sheet is not None and (sheet.field == key or fields.get("L_d") == fields.get("L_q")):
-        table[names[0]] = _in_unit(float(value), sheet.to_si(1.0, int(fields.get("p", 1))))
+        table[names[0]] = _in_unit(float(value), sheet.to_si(1.0, float(fields.get("p", 1))))
         return
     if sheet is not None:  # one inductance for both axes, which now differ
         table.remove(names[0])

@@ -108,13 +108,13 @@ def encoder_step(counts: int, motion: str) -> float:
     return encoder_span(motion) / counts if counts else 0.0
 
 
-def torque_constant(p: int, psi_f: float) -> float:
+def torque_constant(p: float, psi_f: float) -> float:
     """Torque constant K_t = 3/2 p psi_f in N m per ampere peak (amplitude-invariant dq scaling).
 
     Parameters
     ----------
-    p : int
-        Pole pairs.
+    p : float
+        Pole pairs, of a linear axis in 2 pi m.
     psi_f : float
         Permanent-magnet flux linkage, Wb.
 
@@ -125,15 +125,15 @@ def torque_constant(p: int, psi_f: float) -> float:
     return 1.5 * p * psi_f
 
 
-def psi_f_from(K_t: float, p: int) -> float:
+def psi_f_from(K_t: float, p: float) -> float:
     """Permanent-magnet flux linkage in Wb from the torque constant in N m per ampere peak.
 
     Parameters
     ----------
     K_t : float
         N m/A peak.
-    p : int
-        Pole pairs.
+    p : float
+        Pole pairs, of a linear axis in 2 pi m.
 
     Returns
     -------
@@ -162,14 +162,14 @@ class DatasheetValue:
     meaning: str
     per_pole_pair: bool = False
 
-    def to_si(self, value: float, p: int) -> float:
+    def to_si(self, value: float, p: float) -> float:
         """Return the SI value; `p` is the number of pole pairs.
 
         Parameters
         ----------
         value : float
             As the sheet states it.
-        p : int
+        p : float
             Pole pairs.
 
         Returns

@@ -46,7 +46,7 @@ def linear_motor(seed: int = 0) -> LinearMotor:
     if seed:
         mass, K_t = 10.0 ** rng.uniform(0.0, 1.7), 10.0 ** rng.uniform(1.2, 2.2)
         u_dc, strongest, pitch = rng.choice([320.0, 560.0]), rng.uniform(10.0, 80.0), rng.uniform(0.01, 0.03)
-    p, i_max = round(math.pi / pitch), strongest * mass / K_t
+    p, i_max = math.pi / pitch, strongest * mass / K_t
     # in star a phase has u_dc / sqrt(3) at most, and its EMF is K_t / 1.5 times the speed
     fastest = u_dc / math.sqrt(3.0) * 1.5 / K_t
     F_c, F_v = 0.0131 * strongest * mass, 0.153 * strongest * mass / fastest

@@ -36,7 +36,7 @@ def _(result: Comparison) -> Section:
             *(notice for notice in result.notices if notice not in result.reasons[:1]),
             *(_capital(sentence) for sentence in found[1:]),
             *([sampled] if (sampled := sampling_text(log.timing, names["torque"])) is not None else []),
-            *_drift(records),
+            *_drift(records, names["torque"]),
             _errors(records, names),
             *_meanings(records),
             *_whole(records, motion),
@@ -48,13 +48,13 @@ def _(result: Comparison) -> Section:
     )
 
 
-def _drift(records: Iterable[tuple[str, Record]]) -> Iterator[str]:
+def _drift(records: Iterable[tuple[str, Record]], drive: str) -> Iterator[str]:
     """Yield what the error of a free run over the whole record says, and what it does not say."""
     if any(run.method == "free run" for _, record in records for run in record.simulated):
         yield (
-            "The free run has nothing that holds it to the measured motion: small errors of the torque add up, and a "
+            f"The free run has nothing that holds it to the measured motion: small errors of the {drive} add up, and a "
             "right model drifts away as well, one with friction that falls with speed all the sooner, because alone "
-            "such an axis is unstable. Judge the model by the torque error."
+            f"such an axis is unstable. Judge the model by the {drive} error."
         )
 
 

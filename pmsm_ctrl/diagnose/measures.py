@@ -243,13 +243,13 @@ def amplitudes(fit: Fitted, number: int) -> dict[str, tuple[float, float]]:
     return dict(zip(fit.model.names[columns], zip(values, stderr, strict=True), strict=True))
 
 
-def order_of(one: Accepted, pole_pairs: int) -> int:
+def order_of(one: Accepted, pole_pairs: float) -> int:
     """Return the order of a turn by which an effect is known; 0 for any other.
 
     Parameters
     ----------
     one : Accepted
-    pole_pairs : int
+    pole_pairs : float
         0 where they are not known.
     """
     electrical = one.effect.electrical_order

@@ -134,8 +134,8 @@ def _(result: SweepResult) -> Section:
     return Section(
         f"Speed sweep of {result.design.name}",
         (
-            f"Averaged torque at {len(result.levels)} settled speeds from {len(result.plateaus)} plateaus; the "
-            f"model-to-measurement error of the line is {result.rms_percent:.2f} % rms.",
+            f"Averaged {drives(result.motion)} at {len(result.levels)} settled speeds from {len(result.plateaus)} "
+            f"plateaus; the model-to-measurement error of the line is {result.rms_percent:.2f} % rms.",
             *result.notices,
             Table(("fit", *_HEADER), rows, "Friction from the settled speeds"),
             Picture(lambda: _drawn("friction_over_speed", result), caption),

@@ -124,8 +124,8 @@ def speed_doubts(log: Log, design: Design | None) -> list[Notice]:
     ]
     if design is not None and design.motor.p is not None and design.motor.p > 1:
         known += [
-            (float(design.motor.p), f"theta looks electrical (p = {design.motor.p})"),
-            (1.0 / design.motor.p, f"omega looks electrical (p = {design.motor.p})"),
+            (float(design.motor.p), f"theta looks electrical (p = {design.motor.p:g})"),
+            (1.0 / design.motor.p, f"omega looks electrical (p = {design.motor.p:g})"),
         ]
     if design is not None and design.load.gear != 1.0:
         known += [

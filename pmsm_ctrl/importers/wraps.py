@@ -15,7 +15,7 @@ SAME = 0.02  # relative scatter of the heights of wraps
 NEAR = 2e-3  # of a known period
 
 
-def wrap_period(theta: Array, pole_pairs: int | None = None) -> float:
+def wrap_period(theta: Array, pole_pairs: float | None = None) -> float:
     """Return the period at which an angle wraps, 0 where it does not.
 
     An angle that wraps stays within one period and jumps by nearly all of it, always by the same height. The height
@@ -25,7 +25,7 @@ def wrap_period(theta: Array, pole_pairs: int | None = None) -> float:
     Parameters
     ----------
     theta : array, shape (n,)
-    pole_pairs : int, optional
+    pole_pairs : float, optional
     """
     step = np.diff(theta)
     span = float(np.ptp(theta))

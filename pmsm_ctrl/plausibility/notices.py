@@ -43,8 +43,8 @@ TIME_FACTOR = Template(
 )
 POLE_PAIRS = Template(
     "pole_pairs",
-    "the voltages are those of a motor with {found} pole pairs, the design has {p}: correct motor.p, or psi_f if p is "
-    "right",
+    "the voltages are those of a motor with {found} pole pairs, the design has {p:g}: correct motor.p, or psi_f if p "
+    "is right",
 )
 INERTIA_FACTOR = Template(
     "inertia_factor",

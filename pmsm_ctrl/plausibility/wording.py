@@ -123,7 +123,7 @@ def _motions(design: Design) -> list[tuple[float, str]]:
         (0.001, "a lost prefix kilo"),
     ]
     if design.motor.p is not None and design.motor.p > 1:
-        out.append((float(design.motor.p), f"the electrical angle, {design.motor.p} pole pairs"))
+        out.append((float(design.motor.p), f"the electrical angle, {design.motor.p:g} pole pairs"))
     if design.load.gear != 1.0:
         out.append((1.0 / design.load.gear, "the load's side of the gear"))
     out += [(1.0 / ratio, f"the load's side of a gear of {ratio}") for ratio in (3, 4, 5, 7, 10, 20, 50, 100)]

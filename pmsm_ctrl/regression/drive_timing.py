@@ -180,7 +180,7 @@ def sampling_columns(torque: Array, period: float, late: float) -> dict[str, Arr
     return {LATENESS: -slope, SPREAD: curved}
 
 
-def emf_winding(design: Design) -> tuple[float, float, int, float] | None:
+def emf_winding(design: Design) -> tuple[float, float, float, float] | None:
     """Return R, L_q, p and psi_f, by which a current loop responds to the back-emf; None unless all are known.
 
     Parameters

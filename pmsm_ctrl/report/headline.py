@@ -17,6 +17,7 @@ from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.report.result import Headline
 from pmsm_ctrl.result import Result
 from pmsm_ctrl.section import Picture
+from pmsm_ctrl.units import drives
 
 __all__ = ["of_compensation", "of_diagnosis", "of_result", "of_simulation"]
 
@@ -49,7 +50,8 @@ def of_simulation(design: Design, swept: SweepResult, duration: float) -> Headli
             label += f", {deviations[-1]:+.2f} % from the simulated value"
         numbers.append((f"{estimate.value:.4g} {estimate.unit}", label))
     if deviations:  # of no friction there is no torque of which it would be a share
-        numbers.append((f"{swept.rms_percent:.2f} %", "rms error between the friction line and the averaged torque"))
+        averaged = f"rms error between the friction line and the averaged {drives(design.motion)}"
+        numbers.append((f"{swept.rms_percent:.2f} %", averaged))
     done = (
         f"The drive {design.name} was simulated with its sampled controllers: a speed sweep of {len(swept.levels)} "
         f"levels gives its friction, a motion of {duration:.3g} s its inertia and friction by regression."

@@ -27,8 +27,8 @@ class Plant:
     ----------
     R, L_d, L_q : float
         Ohm, H, H.
-    p : int
-        Pole pairs.
+    p : float
+        Pole pairs, of a linear axis in 2 pi m.
     psi_f : float
         Flux linkage, Wb.
     J : float
@@ -52,7 +52,7 @@ class Plant:
     R: float
     L_d: float
     L_q: float
-    p: int
+    p: float
     psi_f: float
     J: float
     u_dc: float

@@ -98,6 +98,27 @@ def test_other_datasheet_values(name: str, value: float, expected: dict[str, flo
         assert getattr(motor, field) == pytest.approx(number, rel=1e-14)
 
 
+@pytest.mark.parametrize("pitch", [0.012, 0.016, 0.0243])
+def test_pole_pairs_of_a_linear_motor_follow_from_its_pole_pitch(pitch: float) -> None:
+    """Waves of the field in 2 pi m, whole by chance alone: the mechanical power is the electrical one."""
+    p, K_t, v = math.pi / pitch, 85.0, 1.3
+    motor = {"J": 28.0, "p": p, "R": 1.6, "L_mH": 7.0, "K_t_peak": K_t}
+    design = Design.from_dict({"motion": "linear", "motor": motor})
+    assert design.K_t == pytest.approx(K_t, rel=1e-12)
+    # phase EMF: the flux of a phase is psi_f cos(pi x / pitch), so its amplitude is psi_f pi / pitch v
+    amplitude = design.motor.psi_f * math.pi / pitch * v
+    assert 1.5 * amplitude * 1.0 == pytest.approx(K_t * 1.0 * v, rel=1e-12)
+    assert Design.from_toml(design.to_toml()) == design
+    by_emf = {key: value for key, value in motor.items() if key != "K_t_peak"} | {"K_e_phase_peak_per_rad_s": K_t / 1.5}
+    assert Design.from_dict({"motion": "linear", "motor": by_emf}).K_t == pytest.approx(K_t, rel=1e-12)
+
+
+def test_whole_pole_pairs_stay_whole() -> None:
+    for p in (4, 4.0):
+        design = Design.from_dict({"motor": MOTOR | {"p": p}})
+        assert "p = 4\n" in design.to_toml()
+
+
 def test_rms_current_limit() -> None:
     design = Design.from_dict({"motor": MOTOR, "drive": {"i_max_rms": 2.0}})
     assert design.drive.i_max == pytest.approx(2.0 * 1.4142135623730951, rel=1e-15)
@@ -296,6 +317,7 @@ ASSUMED = "[motor]\nJ = 1.0\nK_t = 1.0\n[assumed]\n"
         ("[motor]\nJ = 1.0\nJ_kg_cm2 = 1.0\nK_t = 1.0", ["motor", "J_kg_cm2 and J both determine J"]),
         ("[motor]\nJ = 1.0\nK_t_rms = 1.0", ["motor", "K_t_rms needs the pole pairs p"]),
         ("[motor]\nJ = 1.0\np = -4\nK_t_rms = 1.0", ["motor", "pole pairs p", "at least 1"]),
+        ("[motor]\nJ = 1.0\np = 4.5\nR = 1.0\nL_mH = 1.0\nK_t_rms = 1.0", ["motor.p", "4.5", "a whole number"]),
         ("[motor]\nJ = 1.0\nK_t_rms = 'big'\np = 4", ["K_t_rms must be a number", "N m per A rms"]),
         (f"[motor]\nJ_kg_cm2 = {'9' * 400}\nK_t = 1.0", ["motor", "J_kg_cm2 must be a number", "not 9999"]),
         (f"{ASSUMED}K_t_rms = 'x'", ["assumed: K_t_rms must be a number", "N m per A rms", "'x'"]),
