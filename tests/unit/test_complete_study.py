@@ -11,6 +11,7 @@ from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.report import drive_parts as room
 from pmsm_ctrl.report import study
 from pmsm_ctrl.simulate import scenario, simulate
+from tests.linear_motors import linear_motor
 
 VERBS = {"tune", "sweep", "identify", "compare", "compensate", "track", "export"}
 
@@ -44,3 +45,16 @@ def test_a_complete_study_runs_every_verb(designs: Path, tmp_path: Path) -> None
     assert "--complete" not in done.summary()
     page = (tmp_path / "all.html").read_text(encoding="utf-8")
     assert "Friction compensation of servo_2kw" in page
+
+
+def test_a_study_of_a_linear_motor_with_windings(tmp_path: Path) -> None:
+    """Its identification run asked for a turn of 6.28 m, and no study was written."""
+    axis = linear_motor()
+    done = study(axis.design, output=tmp_path / "slide.html")
+    swept, found = done.results["sweep"].estimates, done.results["identify"].estimates
+    assert swept["F_c"].value == pytest.approx(axis.F_c, rel=0.01)
+    assert swept["F_v"].value == pytest.approx(axis.F_v, rel=0.03)
+    assert found["J"].value == pytest.approx(axis.design.J, rel=0.02)
+    page = (tmp_path / "slide.html").read_text(encoding="utf-8")
+    assert "averaged force" in page
+    assert "averaged torque" not in page
