@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from pmsm_ctrl.compensate import baseline, compensated, gain_verdict, judge, run_trial, study_trials
+from pmsm_ctrl.compensate.motions import at_speed
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.export import export
@@ -28,7 +29,7 @@ from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.track import track
 from pmsm_ctrl.tune import tune
 
-REVERSALS = ("reversal 2 rad/s", "reversal 10 rad/s")
+REVERSALS = (2.0, 10.0)  # rad/s; lengths/s of a linear axis
 GAINS = (1.0, 0.5, 0.25)  # tried in turn, as one goes down the window that `compensate` prints
 
 
@@ -198,7 +199,8 @@ def _compensated(design: Design, found: dict[str, object], words: list[str]) -> 
     believed = compensated(base, ("coulomb", "viscous"))
     smooth = design.without_effect("coulomb").without_effect("viscous")
     rms, reversal, floor, counts = [], [], [], []
-    for name in REVERSALS:
+    for speed in REVERSALS:
+        name = at_speed("reversal", speed, design)
         plain, on, free = (
             judge(trials[name], run_trial(b, trials[name], truth=plant), design.encoder_step)
             for b, plant in ((base, design), (believed, design), (base, smooth))

@@ -28,6 +28,7 @@ from tests.benchmarks.read_back import (
     read_sinumerik,
     read_torque_over_angle,
 )
+from tests.linear_motors import linear_motor
 
 
 @pytest.fixture(scope="module")
@@ -219,3 +220,13 @@ def test_a_table_read_back_compensates_as_the_compensator_does(design: Design, f
     )
     assert table < 0.4 * plain
     assert table == pytest.approx(own, rel=0.1)
+
+
+def test_waves_of_a_linear_axis_are_forces_and_no_harmonics_of_a_turn() -> None:
+    design = linear_motor().design.with_effect("cogging", {"a_s": 3.0, "a_c": 4.0, "order": 196.35})
+    files = table_files(design)
+    header, first, *_ = files["slide_cogging.csv"].splitlines()
+    assert header.startswith("order,amplitude [N],")
+    assert [float(value) for value in first.split(",")[:2]] == pytest.approx([196.35, 5.0])
+    assert not [name for name in files if "cogging_ax8000" in name or "over_angle" in name]
+    assert "shaft" not in files["slide.urdf"]
