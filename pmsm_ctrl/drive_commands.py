@@ -68,7 +68,9 @@ def compensate(
     if result.recommended is not None:
         write_design(result.recommended, output)
     elif output is not None:
-        print(f"pmsm-ctrl: {printable(output)}: not written: no safe gain lowers the error", file=sys.stderr)
+        from pmsm_ctrl.compensate.notices import why_none
+
+        print(f"pmsm-ctrl: {printable(output)}: not written: {why_none(result.verdict)}", file=sys.stderr)
     if not result.accepted or (result.recommended is None and output is not None):
         raise typer.Exit(NEGATIVE)
 

@@ -53,7 +53,7 @@ def next_step(
     given : dict of str to value
         The arguments and options of the command.
     verdict : str
-        That of a comparison or a diagnosis.
+        That of a comparison, a diagnosis or a compensation.
     typed : sequence of str
         The verb with its arguments and options, without what it writes: to run it again.
     recommended : Design or None
@@ -94,7 +94,7 @@ def next_step(
         case "fleet":
             words = _after_fleet(given, verdict)
         case "compensate":
-            words = _after_compensation(given, recommended)
+            words = _after_compensation(given, verdict, recommended)
         case "export":
             words = ("verify", "BEFORE", "AFTER", "--design", _exported(given))
         case "verify":
@@ -124,12 +124,14 @@ def _after_fleet(given: Mapping[str, Any], verdict: str) -> tuple[Any, ...]:
     return ("diagnose", "LOG", "--design", given.get("design") or "DESIGN", "--output", _new())
 
 
-def _after_compensation(given: Mapping[str, Any], recommended: Design | None) -> tuple[Any, ...]:
+def _after_compensation(given: Mapping[str, Any], verdict: str, recommended: Design | None) -> tuple[Any, ...]:
     """Return the words that export what is recommended: by options where it stands in no file."""
     design, step = given["design"], given.get("step", FINE_STEP)
-    if recommended is None:  # a finer sweep may find a gain, or softer loops
+    if recommended is None:
+        if verdict == "not_resolved":  # neither another gain nor other loops make a finer encoder
+            return ()
         finer = ("compensate", design, "--step", f"{FINE_STEP:g}")
-        return finer if step > FINE_STEP else ("tune", design, "--output", _new())
+        return finer if verdict == "finer_step" and step > FINE_STEP else ("tune", design, "--output", _new())
     own = recommended.compensation
     stated: tuple[str, ...] = ("--source", own.source, "--gain", f"{own.share:.6g}")
     if own.source != "observer":  # which needs no model of the friction

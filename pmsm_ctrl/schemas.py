@@ -23,6 +23,7 @@ VERDICTS = ("consistent", "effects_missing", "unexplained", "not_excited", "impl
 OUTCOMES = (
     "applied", "partly_applied", "not_applied", "wrong_gain", "wrong_sign", "late", "limit_cycle", "inconclusive",
 )  # fmt: skip
+COMPENSATIONS = ("recommended", "finer_step", "not_lowered", "not_resolved")
 
 
 def _record(required: dict[str, Schema], optional: dict[str, Schema] | None = None) -> Schema:
@@ -179,8 +180,10 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
     ),
     "compensate": (
         "compensation",
-        {"units": _by_name(TEXT), "runs": _list(_record({"variant": TEXT, "motion": TEXT, "factor": NUMBER})),
-         "windows": _by_name({"type": "object"}),
+        {"verdict": {"enum": list(COMPENSATIONS)}, "units": _by_name(TEXT),
+         "runs": _list(_record({"variant": TEXT, "motion": TEXT, "factor": NUMBER})),
+         "windows": _by_name(_record({"safe": NUMBER, "safe_below": _maybe(NUMBER)})),
+         "unresolved": _list(_record({"motion": TEXT, "rms_counts": NUMBER, "peak_counts": NUMBER})),
          "acceptance": _list(
              _record({"scenario": TEXT, "metric": TEXT, "limit": NUMBER, "value": NUMBER, "passed": FLAG})
          ),

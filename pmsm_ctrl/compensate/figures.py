@@ -45,6 +45,9 @@ def gain_sweep(study: CompensationStudy) -> Figure:
     for axis in (upper, lower):
         axis.axvspan(0.0, 100.0 * study.windows[used].safe, color=BLUE, alpha=0.1, linewidth=0)
     upper.axhline(100.0, color="black", linewidth=0.6)
+    if not any(window.resolved for window in study.windows.values()):
+        told = "the encoder does not resolve the error without compensation"
+        upper.text(0.5, 0.5, told, transform=upper.transAxes, ha="center", va="bottom")
     upper.set(
         ylabel="worst RMS error\n[% of the uncompensated]",
         title=f"Gain sweep, parameters right and 20 % wrong\n(dotted: highest safe gain; shaded: safe by {used} speed)",

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compensate.metrics import units_of
 from pmsm_ctrl.compensate.recommendation import first_unsafe
+from pmsm_ctrl.compensate.window import LESS
 from pmsm_ctrl.section import Template
 
 if TYPE_CHECKING:
     from pmsm_ctrl.compensate.acceptance import Verdict
-    from pmsm_ctrl.compensate.window import GainWindow
+    from pmsm_ctrl.compensate.window import GainWindow, Unresolved
 
-__all__ = ["ACCEPTANCE", "CYCLES", "FLOOR", "NOT_COMPENSATED", "UNSAFE", "UNSAFE_DESIGN", "safe_gain", "sentence"]
+__all__ = [
+    "ACCEPTANCE", "CYCLES", "FLOOR", "NONE_RESOLVED", "NOT_COMPENSATED", "UNRESOLVED", "UNSAFE", "UNSAFE_DESIGN",
+    "motions_in_counts", "safe_gain", "sentence", "why_none",
+]  # fmt: skip
 
 ACCEPTANCE = Template("acceptance_failed", "acceptance {line}")
 NOT_COMPENSATED = Template(
@@ -28,6 +33,15 @@ CYCLES = Template(
     "the axis has a limit cycle at rest also without compensation ({motions}); a gain that does not enlarge it counts "
     "as safe",
 )
+UNRESOLVED = Template(
+    "motion_not_resolved",
+    "{motions}: without compensation below what the encoder resolves, so it cannot show an improvement",
+)
+NONE_RESOLVED = Template(
+    "friction_not_resolved",
+    "the encoder cannot show the error due to friction: in all motions that are judged the error is below what it "
+    "resolves without compensation ({motions})",
+)
 FLOOR = Template(
     "noise_floor",
     "with compensation the error at reversals ({change:+.0f} % RMS) equals that of the axis without friction: it is "
@@ -36,10 +50,35 @@ FLOOR = Template(
 )
 
 
+# Why nothing is recommended, by the verdict of a study.
+WHY_NONE = {
+    "finer_step": "no gain of the sweep lowers the RMS error to {least} or less in the worst of the motions; one "
+    "between them may",
+    "not_lowered": "no safe gain lowers the RMS error to {least} or less in the worst of the motions",
+    "not_resolved": "the encoder does not resolve the error due to friction, so no gain can be shown to lower it",
+}
+
+
+def why_none(verdict: str) -> str:
+    """Return why no compensation is recommended.
+
+    Parameters
+    ----------
+    verdict : str
+        An `Outcome`.
+    """
+    return WHY_NONE[verdict].format(least=f"{100.0 * LESS:.0f} %")
+
+
 def safe_gain(window: GainWindow) -> str:
     """Return the highest safe gain; where the first one of the sweep is not safe, that it is below that one."""
     end = first_unsafe(window)
     return f"{100.0 * window.safe:.0f} %" if end is None else f"below {100.0 * end:.0f} % (smallest gain of the sweep)"
+
+
+def motions_in_counts(found: Iterable[Unresolved]) -> str:
+    """Return motions with their errors without compensation in encoder counts, of which the encoder resolves none."""
+    return "; ".join(f"{one.motion}, RMS {one.rms:.2f} and largest {one.peak:.2f} encoder counts" for one in found)
 
 
 def sentence(verdict: Verdict) -> str:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compensate.metrics import units_of
 from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP
-from pmsm_ctrl.compensate.notices import safe_gain, sentence
+from pmsm_ctrl.compensate.notices import safe_gain, sentence, why_none
 from pmsm_ctrl.compensate.result import CompensationStudy, Variant
-from pmsm_ctrl.compensate.window import FACTORS
+from pmsm_ctrl.compensate.window import FACTORS, LESS, ROUNDING, WORSE
 from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.section import Picture, Section, Table, present
 from pmsm_ctrl.units import axis_unit
@@ -33,13 +33,18 @@ SHOWN = (
 )  # fmt: skip
 METHOD = (
     "The baseline already has feedforward of inertia and delay, so that the changes are due to friction alone. A gain "
-    "is safe when neither it nor any smaller gain causes a limit cycle at rest or an RMS error above that without "
-    "compensation. Limit cycles are also looked for after a disturbance that can start one. Each gain is tried with "
-    "the right parameters and with parameters 20 % wrong, on the plant and, if it has no presliding, on the plant with "
-    "presliding (a bristle of 0.5 mrad, 10 um for a linear axis). A motion at rest of less than one encoder count is "
-    "no limit cycle. The error of the circle is its contour error. During the warm-up Coulomb and viscous friction "
-    "fall by 40 %. The axis without friction shows the error that noise and the loops cause."
+    "is safe when neither it nor any smaller gain causes a limit cycle at rest or an RMS error more than "
+    f"{100.0 * (WORSE - 1.0):.0f} % above that without compensation, errors below one encoder count taken as one "
+    "count: an error that grows but stays below a count is safe, and no improvement. The encoder resolves the error of "
+    "a motion whose largest value, without compensation, is above one count and whose RMS value is above "
+    f"{ROUNDING:.2f} counts, that of the rounding to counts; only such motions can show an improvement. Limit cycles "
+    "are also looked for after a disturbance that can start one. Each gain is tried with the right parameters and with "
+    "parameters 20 % wrong, on the plant and, if it has no presliding, on the plant with presliding (a bristle of "
+    "0.5 mrad, 10 um for a linear axis). A motion at rest of less than one encoder count is no limit cycle. The error "
+    "of the circle is its contour error. During the warm-up Coulomb and viscous friction fall by 40 %. The axis "
+    "without friction shows the error that noise and the loops cause."
 )
+BRACKETS = "in brackets: without compensation below what the encoder resolves"
 
 
 @present.register
@@ -76,7 +81,7 @@ def _recommended(result: CompensationStudy) -> tuple[str, ...]:
     """Return which source and gain to take, why, and the table of the design that says so."""
     found, best = result.recommendation, result.recommended
     if found is None or best is None:
-        return ("Why no compensation: no safe gain lowers the RMS error in the worst of the motions.",)
+        return (f"Why no compensation: {why_none(result.verdict)}.",)
     chosen = best.compensation
     others = ", ".join(f"{_named(source)} {percent(left, 0)}" for source, left in found.others.items())
     where = f", {found.worst}" if found.worst else ""
@@ -106,7 +111,10 @@ def _gains(result: CompensationStudy) -> Picture:
 
         return gain_sweep(result)
 
-    return Picture(drawn, "Where the lower curve is above zero, the axis oscillates at rest.")
+    words = "Where the lower curve is above zero, the axis oscillates at rest."
+    if any(w.resolved and bool((w.rms[w.gains <= w.safe] > WORSE).any()) for w in result.windows.values()):
+        words += " An error above 100 % at a safe gain is below one encoder count."
+    return Picture(drawn, words)
 
 
 def _verdict(result: CompensationStudy) -> str:
@@ -124,7 +132,8 @@ def _verdict(result: CompensationStudy) -> str:
 
 def _windows(result: CompensationStudy) -> Table:
     rows = tuple(
-        (w.source if w.source == "observer" else f"{w.source} speed", safe_gain(w), percent(w.best, 0),
+        (w.source if w.source == "observer" else f"{w.source} speed", safe_gain(w),
+         percent(w.best, 0) if w.best > 0.0 else "none",
          w.limited_by or "end of the sweep", "none" if w.hint is None else f"from {percent(w.hint, 0)}")
         for w in result.windows.values()
     )  # fmt: skip
@@ -139,15 +148,22 @@ def _off(factor: float) -> str:
 def _changes(result: CompensationStudy) -> Table:
     pairs = dict.fromkeys((row.variant, row.factor) for row in result.table if row.variant != Variant.NONE)
     rows = tuple(
-        (f"{variant}{_off(factor)}",
-         *(f"{100 * result.change(variant, metric, factor, motion):+.0f} %" for _, metric, motion in SHOWN))
+        (f"{variant}{_off(factor)}", *(_change(result, variant, metric, factor, motion) for _, metric, motion in SHOWN))
         for variant, factor in pairs
-    )  # fmt: skip
+    )
     caption = (
         "Change of the RMS position error against no compensation, at a gain of 100 % unless as recommended; peak, "
         "quadrant: largest error after a reversal"
     )
+    if not all(result.resolved_motions(motion) for *_, motion in SHOWN):
+        caption += f"; {BRACKETS}"
     return Table(("compensated", *(title for title, *_ in SHOWN)), rows, caption)
+
+
+def _change(result: CompensationStudy, variant: str, metric: str, factor: float, motion: str) -> str:
+    """Return the worst change; in brackets where the encoder resolves no error of these motions."""
+    said = f"{100 * result.change(variant, metric, factor, motion):+.0f} %"
+    return said if result.resolved_motions(motion) else f"({said})"
 
 
 def _observer(result: CompensationStudy) -> tuple[str | Table, ...]:
@@ -157,10 +173,11 @@ def _observer(result: CompensationStudy) -> tuple[str | Table, ...]:
         return ("A disturbance observer was not tried: the loops leave no margin for one.",)
     rows = []
     for variant in (Variant.ALL, Variant.OBSERVER):
-        changes = (
+        rms, peak, noise = (
             f"{100.0 * max(result.change(variant, metric, f) for f in FACTORS):+.0f} %"
             for metric in ("rms", "reversal_peak", "noise")
         )
+        changes = (rms, peak, noise) if result.resolved_motions() else (f"({rms})", f"({peak})", noise)
         loop = found.after if variant == Variant.OBSERVER else found.before
         corner = found.worst.speed if variant == Variant.OBSERVER else found.worst_before
         safe = safe_gain(result.windows["observer" if variant == Variant.OBSERVER else "reference"])
@@ -174,6 +191,8 @@ def _observer(result: CompensationStudy) -> tuple[str | Table, ...]:
         f"the observer {found.bandwidth:.4g} rad/s ({found.bandwidth / (2.0 * math.pi):.0f} Hz); margins at the "
         f"motor's current, position controlled; worst corner of the tolerances: {found.worst.name}"
     )
+    if not result.resolved_motions():
+        caption += f"; {BRACKETS}"
     return _worth(result), Table(header, tuple(rows), caption)
 
 
@@ -185,6 +204,11 @@ def _worth(result: CompensationStudy) -> str:
         rms, peak = (1.0 + change for change in changes)
         return rms, peak
 
+    if not result.resolved_motions():
+        return (
+            "Whether friction feedforward is worth its model cannot be told: without compensation the errors at "
+            "reversals are below what the encoder resolves."
+        )
     (right, wrong), (observed, off) = ((left(v, (1.0,)), left(v, FACTORS)) for v in (Variant.ALL, Variant.OBSERVER))
     told = "; ".join(
         f"{when} {percent(a[0], 0)} of the RMS error and {percent(a[1], 0)} of the peak at reversals remain, with "
@@ -195,7 +219,9 @@ def _worth(result: CompensationStudy) -> str:
     rest = f". With the observer the axis has a limit cycle at rest ({cycles[0].motion})" if cycles else ""
     if result.windows["reference"].safe < 1.0:
         return f"At a gain of 100 %, which is not safe by reference speed here, {told}{rest}."
-    if right <= observed and wrong[0] <= off[0]:
+    if right[0] > LESS or right[1] > 1.0:
+        verdict = "not worth its model here, since it does not lower both errors"
+    elif right <= observed and wrong[0] <= min(off[0], LESS):
         verdict = "worth its model here"
     elif right >= observed and wrong[0] >= off[0]:
         verdict = "not worth its model here"
@@ -229,21 +255,25 @@ def _acceptance(result: CompensationStudy) -> tuple[Table, ...]:
 
 def _sweep(result: CompensationStudy) -> Table:
     rows = tuple(
-        (w.source, percent(gain, 0), percent(rms, 0), percent(peak, 0), f"{cycle:.2g}" if cycle else "none",
-         "safe" if gain <= w.safe else "not safe")
+        (w.source, percent(gain, 0), percent(rms, 0), percent(judged, 0), percent(peak, 0),
+         f"{cycle:.2g}" if cycle else "none", "safe" if gain <= w.safe else "not safe")
         for w in result.windows.values()
-        for gain, rms, peak, cycle in zip(w.gains, w.rms, w.reversal_peak, w.cycle_counts, strict=True)
+        for gain, rms, judged, peak, cycle in zip(
+            w.gains, w.rms, w.judged, w.reversal_peak, w.cycle_counts, strict=True
+        )
     )  # fmt: skip
     angle = axis_unit("rad", result.design.motion)
     header = (
         "speed",
         "gain",
         "worst RMS, without compensation = 100 %",
-        "worst reversal peak",
+        "the same, errors of at least one count",
+        "worst reversal peak, of at least one count",
         f"limit cycle [{'encoder counts' if any(w.count > 0.0 for w in result.windows.values()) else angle}]",
         "judged",
     )
-    return Table(header, rows, "Sweep of the gain", folded=True)
+    caption = "Sweep of the gain; errors below one encoder count are taken as one count where a safe gain is judged"
+    return Table(header, rows, caption, folded=True)
 
 
 def _runs(result: CompensationStudy) -> Table:

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pmsm_ctrl.compensate.window import GainWindow
+from pmsm_ctrl.compensate.window import FULL, LESS, GainWindow, best_place
 from pmsm_ctrl.design_parts import Compensation
 
-__all__ = ["Recommendation", "Sweep", "first_unsafe", "recommended", "swept_window"]
+__all__ = ["FINE", "Recommendation", "Sweep", "finer_may_help", "first_unsafe", "recommended", "swept_window"]
 
-FULL = 1.0  # largest gain that is recommended
+FINE = 0.02  # step of the finest sweep that is offered
 FINER = 0.1  # step of the gain below a first step that is not safe already
 Sweep = Callable[..., GainWindow]  # takes the gains by name
 
@@ -27,7 +27,8 @@ class Recommendation:
     compensation : Compensation
         For the design: source, gain and effects.
     rms : float
-        Worst RMS error left over motions and parameter errors, as a share of that without compensation.
+        Worst RMS error left over the motions that the encoder resolves, and parameter errors, as a share of that
+        without compensation.
     others : dict of str to float
         The worst RMS error left by every other source at its own best safe gain; 1 where no gain is safe or lowers it.
     worst : str
@@ -78,6 +79,26 @@ def swept_window(sweep: Sweep, gains: Iterable[float]) -> GainWindow:
     return window
 
 
+def finer_may_help(window: GainWindow) -> bool:
+    """Return whether a gain between those of a sweep may lower the error, where none of the sweep does.
+
+    A gain g takes off a share g of the friction's error at most. The error is about a straight line over the gain, so
+    that its RMS value, and the largest of several, is convex: it lies above the line through two neighbours of the
+    sweep, outside of them.
+
+    Parameters
+    ----------
+    window : GainWindow
+    """
+    unsafe = window.gains[window.gains > window.safe]
+    between = np.arange(FINE, min([FULL, *unsafe.tolist()]) - 1e-9, FINE)
+    left, right = window.gains[:-1, None], window.gains[1:, None]
+    slope = np.diff(window.rms)[:, None] / (right - left)
+    lines = window.rms[:-1, None] + slope * (between - left)
+    least = np.where((between <= left) | (between >= right), lines, 0.0).max(axis=0, initial=0.0)
+    return bool((np.maximum(least, 1.0 - between) <= LESS).any())
+
+
 def recommended(
     windows: dict[str, GainWindow], effects: Iterable[str], stated: Compensation, sweeps: Mapping[str, Sweep]
 ) -> Recommendation | None:
@@ -99,7 +120,7 @@ def recommended(
     Returns
     -------
     Recommendation or None
-        None where no safe gain lowers the error.
+        None where no safe gain lowers the error to 95 % or less, or the encoder resolves none.
     """
     source = _least(windows)
     while source and (window := _with_half(windows[source], sweeps[source])) is not windows[source]:
@@ -120,13 +141,11 @@ def _least(windows: Mapping[str, GainWindow]) -> str:
     """Return the source that leaves least, in whole per cent: less is no reason to close a loop; "" where none does."""
     left = {source: round(_left(window), 2) for source, window in windows.items()}
     source = min(left, key=lambda one: left[one], default="")
-    return source if source and left[source] < 1.0 else ""
+    return source if source and left[source] <= LESS else ""
 
 
 def _place(window: GainWindow) -> int:
-    """Where the safe gain stands that leaves least, at most 1: above it only parameters that are too low gain."""
-    allowed = window.gains <= min(window.safe, FULL)
-    return int(np.argmin(np.where(allowed, window.rms, np.inf)))
+    return best_place(window.gains, window.rms, window.safe)
 
 
 def _best(window: GainWindow) -> float:

@@ -11,9 +11,9 @@ from pmsm_ctrl.compensate import notices
 from pmsm_ctrl.compensate.acceptance import Verdict
 from pmsm_ctrl.compensate.examples import Example
 from pmsm_ctrl.compensate.metrics import Metrics, units_of
-from pmsm_ctrl.compensate.recommendation import Recommendation
+from pmsm_ctrl.compensate.recommendation import Recommendation, finer_may_help, first_unsafe
 from pmsm_ctrl.compensate.theory import Hunting
-from pmsm_ctrl.compensate.window import GainWindow
+from pmsm_ctrl.compensate.window import GainWindow, Unresolved, resolves
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice
@@ -21,7 +21,7 @@ from pmsm_ctrl.section import Notice
 if TYPE_CHECKING:
     from pmsm_ctrl.tune.observer import ObserverDesign
 
-__all__ = ["CompensationStudy", "Row", "Variant", "own_change"]
+__all__ = ["CompensationStudy", "Outcome", "Row", "Variant", "own_change"]
 
 AT_FLOOR = 1.2  # RMS error, as a share of that of the axis without friction, that compensation cannot lower further
 FRICTION_SHOWS = -0.9  # change of the RMS error from which on the floor is of no interest
@@ -43,6 +43,15 @@ def own_change(compensated: float, plain: float, floor: float) -> float:
     if not plain > floor:
         return math.nan
     return math.sqrt(max(compensated**2 - floor**2, 0.0) / (plain**2 - floor**2)) - 1.0
+
+
+class Outcome(StrEnum):
+    """Whether a compensation is recommended, and why none is."""
+
+    RECOMMENDED = "recommended"
+    FINER_STEP = "finer_step"  # no gain of the sweep lowers the error; one between them may
+    NOT_LOWERED = "not_lowered"  # no safe gain does
+    NOT_RESOLVED = "not_resolved"  # the encoder does not resolve the error without compensation
 
 
 class Variant(StrEnum):
@@ -79,6 +88,14 @@ class Row:
     metrics: Metrics
 
 
+def _window(window: GainWindow) -> dict[str, Any]:
+    """Return a window for JSON: where already the first gain is not safe, no highest safe gain but the one below it."""
+    below = first_unsafe(window)
+    told = {name: value for name, value in vars(window).items() if name != "unresolved"}
+    safe = {"safe": window.safe if below is None else None, "safe_below": below}
+    return told | safe | {"cycle_counts": window.cycle_counts}
+
+
 @dataclass(frozen=True, eq=False)
 class CompensationStudy(Result):
     """What compensation does to an axis.
@@ -101,7 +118,7 @@ class CompensationStudy(Result):
     examples : tuple of Example
         A reversal and a circle, sample by sample, as recommended; with all effects at full gain where nothing is.
     recommendation : Recommendation or None
-        None where no safe gain lowers the error.
+        None where no safe gain lowers the error, or the encoder does not resolve it: see `verdict`.
     """
 
     design: Design
@@ -125,6 +142,21 @@ class CompensationStudy(Result):
         return self.design.model_copy(update={"compensation": chosen})
 
     @property
+    def verdict(self) -> Outcome:
+        """Whether a compensation is recommended, and why none is."""
+        if self.recommendation is not None:
+            return Outcome.RECOMMENDED
+        if not any(window.resolved for window in self.windows.values()):
+            return Outcome.NOT_RESOLVED
+        finer = any(finer_may_help(window) for window in self.windows.values())
+        return Outcome.FINER_STEP if finer else Outcome.NOT_LOWERED
+
+    @property
+    def unresolved(self) -> tuple[Unresolved, ...]:
+        """Motions of the sweep whose error the encoder does not resolve without compensation: no source changes it."""
+        return next(iter(self.windows.values())).unresolved
+
+    @property
     def accepted(self) -> bool:
         """Whether every line of the design's acceptance is met; true where it has none."""
         return all(verdict.passed for verdict in self.verdicts)
@@ -141,6 +173,10 @@ class CompensationStudy(Result):
             out.append(notices.UNSAFE_DESIGN(gain=100.0 * gain, source=source, safe=notices.safe_gain(window)))
         short = (window for source, window in self.windows.items() if window.safe < 1.0 and source != "observer")
         out += [notices.UNSAFE(source=window.source, safe=notices.safe_gain(window)) for window in short]
+        if self.unresolved:
+            none = self.verdict == Outcome.NOT_RESOLVED
+            told = notices.motions_in_counts(self.unresolved)
+            out.append((notices.NONE_RESOLVED if none else notices.UNRESOLVED)(motions=told))
         if (floor := self._at_floor()) is not None:
             out.append(notices.FLOOR(change=100.0 * floor, own=-100.0 * self.friction_change(Variant.ALL)))
         cycles = {r.motion for r in self.table if r.variant == Variant.NONE and r.metrics.cycle_amplitude > 0.0}
@@ -153,12 +189,14 @@ class CompensationStudy(Result):
         rms = {(r.variant, r.motion): r.metrics.rms for r in self.table if r.factor == 1.0}
         pairs = [(rms[Variant.ALL, motion], value) for (variant, motion), value in rms.items()
                  if variant == Variant.FLOOR and motion.startswith("reversal")]  # fmt: skip
-        reached = pairs and all(left <= AT_FLOOR * floor for left, floor in pairs)
+        reached = pairs and self.resolved_motions() and all(left <= AT_FLOOR * floor for left, floor in pairs)
         change = self.change(Variant.ALL) if reached else -1.0
         return change if change > FRICTION_SHOWS else None
 
     def change(self, variant: str, metric: str = "rms", factor: float = 1.0, motion: str = "reversal") -> float:
         """Return the worst change of a metric against no compensation; -0.8 is -80 %.
+
+        Of the motions those count whose error the encoder resolves without compensation; all where it resolves none.
 
         Parameters
         ----------
@@ -175,11 +213,28 @@ class CompensationStudy(Result):
         float
         """
         plain = {row.motion: row.metrics for row in self.table if row.variant == Variant.NONE}
+        shown = self.resolved_motions(motion) or plain
         return max(
             float(getattr(row.metrics, metric) / getattr(plain[row.motion], metric)) - 1.0
             for row in self.table
-            if row.variant == variant and row.factor == factor and row.motion.startswith(motion)
+            if row.variant == variant and row.factor == factor and row.motion.startswith(motion) and row.motion in shown
         )
+
+    def resolved_motions(self, motion: str = "reversal") -> tuple[str, ...]:
+        """Return the motions of the table whose error the encoder resolves without compensation.
+
+        Parameters
+        ----------
+        motion : str
+            Motions whose name begins so count.
+
+        Returns
+        -------
+        tuple of str
+        """
+        count = next(iter(self.windows.values())).count
+        rows = (row for row in self.table if row.variant == Variant.NONE and row.motion.startswith(motion))
+        return tuple(row.motion for row in rows if resolves(row.metrics, count))
 
     def friction_change(self, variant: str, factor: float = 1.0, motion: str = "reversal") -> float:
         """Return the worst change of the RMS error that friction causes; -0.9 is -90 %.
@@ -213,14 +268,16 @@ class CompensationStudy(Result):
         """Return plain values fit for JSON."""
         return dict(jsonable({
             "schema": "pmsm-ctrl/compensation/1",
+            "verdict": self.verdict,
             **self.doubts(),
             "units": units_of(self.design.motion),
             "runs": [
                 {"variant": r.variant, "motion": r.motion, "factor": r.factor, **asdict(r.metrics)} for r in self.table
             ],
-            "windows": {
-                source: {**vars(window), "cycle_counts": window.cycle_counts} for source, window in self.windows.items()
-            },
+            "windows": {source: _window(window) for source, window in self.windows.items()},
+            "unresolved": [
+                {"motion": one.motion, "rms_counts": one.rms, "peak_counts": one.peak} for one in self.unresolved
+            ],
             "recommended": None if self.recommendation is None or self.recommended is None else {
                 **self.recommended.compensation.model_dump(include={"source", "gain", "effects", "bandwidth"}),
                 "rms": self.recommendation.rms, "rms_of_others": self.recommendation.others,

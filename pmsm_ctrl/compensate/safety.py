@@ -86,7 +86,7 @@ def _judged(judged: _Judged, gain: float) -> GainVerdict:
     if cycle > 0.0:
         counts = f" ({float(window.cycle_counts[1:].max()):.3g} encoder counts)" if window.count > 0.0 else ""
         return GainVerdict(False, f"the axis has a limit cycle of {1e3 * cycle:.3g} {milli}{counts} at rest{on}")
-    rms = float(window.rms.max())
+    rms = float(window.judged.max())
     return GainVerdict(False, f"the RMS error is {rms:.3g} times that without compensation{on}")
 
 

@@ -10,15 +10,37 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compensate.metrics import Metrics
 
-__all__ = ["FACTORS", "GAINS", "GainWindow", "gain_window", "sweep_gains"]
+__all__ = [
+    "FACTORS", "FULL", "GAINS", "LESS", "ROUNDING", "GainWindow", "Unresolved", "best_place", "gain_window", "resolves",
+    "sweep_gains",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
 HIGHEST = 1.5  # gain at which a sweep ends
+FULL = 1.0  # largest gain that is recommended: above it only parameters that are too low gain
 FACTORS = (0.8, 1.0, 1.2)  # on the compensated parameters
 WORSE = 1.05  # largest RMS error of a safe gain, as a share of that without compensation
+LESS = 0.95  # largest RMS error of an improvement, as a share of that without compensation
+ROUNDING = 12.0**-0.5  # RMS error of a position that is rounded to encoder counts, in counts
 LARGER = 1.5  # amplitude from which a limit cycle is attributed to the compensation, relative to that without
 Run = Callable[[float, float, str], Metrics]  # gain, factor on the parameters, motion
+
+
+@dataclass(frozen=True)
+class Unresolved:
+    """A motion whose error the encoder does not resolve even without compensation, so that nothing can lower it.
+
+    Attributes
+    ----------
+    motion : str
+    rms, peak : float
+        Its error without compensation, encoder counts.
+    """
+
+    motion: str
+    rms: float
+    peak: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,15 +53,18 @@ class GainWindow:
         "reference", "commanded" or "measured".
     gains : array, shape (n,)
     rms : array, shape (n,)
-        Worst RMS error over motions and parameter errors, as a share of that without compensation.
+        Worst RMS error over the motions that the encoder resolves, and parameter errors, as a share of that without
+        compensation. NaN above a gain of 0 where it resolves none.
+    judged : array, shape (n,)
+        The same over all motions, errors below an encoder count taken as one count: what a safe gain is judged by.
     reversal_peak : array, shape (n,)
-        The same for the peak after a change of direction.
+        The same as `judged` for the peak after a change of direction.
     cycle : array, shape (n,)
         Largest limit cycle at rest over motions and parameter errors, rad; 0 when there was none.
     safe : float
-        Highest gain of the sweep up to which there is no limit cycle and no RMS error is worse; else 0.
+        Highest gain of the sweep up to which there is no limit cycle and no `judged` error above 1.05; else 0.
     best : float
-        Safe gain with the smallest worst RMS error.
+        Safe gain, at most 1, with the smallest `rms`; 0 where none lowers it.
     hint : float or None
         Gain from which the describing function predicts a limit cycle; a hint, not a limit.
     limited_by : str
@@ -47,12 +72,16 @@ class GainWindow:
     count : float
         Angle of an encoder count, rad (m), in which limit cycles are measured; 0 for an ideal encoder.
     worst : tuple of str
-        For each gain the motion with the worst RMS error; "" without compensation, and empty where it is not known.
+        For each gain the motion with the largest `rms`; "" without compensation or where the encoder resolves none,
+        and empty where it is not known.
+    unresolved : tuple of Unresolved
+        Motions that have no part in `rms`.
     """
 
     source: str
     gains: Array
     rms: Array
+    judged: Array
     reversal_peak: Array
     cycle: Array
     safe: float
@@ -61,11 +90,46 @@ class GainWindow:
     limited_by: str = ""
     count: float = 0.0
     worst: tuple[str, ...] = ()
+    unresolved: tuple[Unresolved, ...] = ()
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the encoder resolves the error of a motion without compensation."""
+        return not bool(np.isnan(self.rms).any())
 
     @property
     def cycle_counts(self) -> Array:
         """The limit cycles in encoder counts; in rad for an ideal encoder."""
         return self.cycle / self.count if self.count > 0.0 else self.cycle
+
+
+def resolves(plain: Metrics, count: float) -> bool:
+    """Return whether an encoder resolves the error of a motion.
+
+    Its largest value is above a count, and its RMS value above that of the rounding to counts. An ideal encoder
+    resolves every error.
+
+    Parameters
+    ----------
+    plain : Metrics
+        Without compensation.
+    count : float
+        Angle of an encoder count, rad (m); 0 for an ideal encoder.
+    """
+    return count == 0.0 or (plain.peak > count and plain.rms > ROUNDING * count)
+
+
+def best_place(gains: Array, rms: Array, safe: float) -> int:
+    """Return where the safe gain stands that leaves the least error, at most 1.
+
+    Parameters
+    ----------
+    gains, rms : array, shape (n,)
+        As in a `GainWindow`.
+    safe : float
+    """
+    allowed = (gains <= min(safe, FULL)) & ~np.isnan(rms)
+    return int(np.argmin(np.where(allowed, rms, np.inf)))
 
 
 def sweep_gains(step: float) -> tuple[float, ...]:
@@ -104,7 +168,9 @@ def gain_window(
     at_rest : iterable of str
         Motions judged by their limit cycles alone: their RMS error depends mostly on where the axis happens to stop.
     resolution : float
-        Angle of an encoder count, rad (m): errors below it count as it, since the drive cannot tell them apart.
+        Angle of an encoder count, rad (m): a safe gain is judged with errors below it taken as it, since the drive
+        cannot tell them apart. A motion whose error it does not resolve without compensation is judged, but cannot
+        show an improvement.
 
     Returns
     -------
@@ -113,40 +179,54 @@ def gain_window(
     names, resting = tuple(motions), set(at_rest)
     swept = np.array(sorted(set(gains) | {0.0}))
     plain = {name: run(0.0, 1.0, name) for name in names}
-    rms, peak, cycle = np.ones(swept.size), np.ones(swept.size), np.zeros(swept.size)
-    cycle[0] = max(metrics.cycle_amplitude for metrics in plain.values())
+    moving = [name for name in names if name not in resting]
+    shown = [name for name in moving if resolves(plain[name], resolution)]
+    rms, judged, peak = np.ones(swept.size), np.ones(swept.size), np.ones(swept.size)
+    cycle = np.full(swept.size, max(metrics.cycle_amplitude for metrics in plain.values()))
     limits, worst_on = [""] * swept.size, [""] * swept.size
     for k, gain in enumerate(swept[1:].tolist(), start=1):
         worst = {name: _worst([run(gain, f, name) for f in FACTORS], plain[name], resolution) for name in names}
-        moving = {name: found for name, found in worst.items() if name not in resting}
-        rms[k], peak[k] = (max(found[n] for found in moving.values()) for n in (0, 1))
-        cycle[k] = max(found[2] for found in worst.values())
-        by_cycle = max(worst, key=lambda name: worst[name][2])
-        worst_on[k] = max(moving, key=lambda name: moving[name][0])
-        limits[k] = by_cycle if worst[by_cycle][2] > 0.0 else worst_on[k]
-    good = (cycle == 0.0) & (rms <= WORSE)
+        worst_on[k] = max(shown, key=lambda name: worst[name].rms, default="")
+        rms[k] = worst[worst_on[k]].rms if shown else np.nan
+        judged[k], peak[k] = max(worst[n].judged for n in moving), max(worst[n].reversal_peak for n in moving)
+        cycle[k] = max(found.cycle for found in worst.values())
+        by_cycle = max(worst, key=lambda name: worst[name].cycle)
+        limits[k] = by_cycle if worst[by_cycle].cycle > 0.0 else max(moving, key=lambda name: worst[name].judged)
+    good = (cycle == 0.0) & (judged <= WORSE)
     good[0] = True
     reach = int(np.argmin(good)) - 1 if not good.all() else swept.size - 1
-    best = int(np.argmin(rms[: reach + 1]))
-    limited = limits[reach + 1] if reach + 1 < swept.size else ""
+    safe, limited = float(swept[reach]), limits[reach + 1] if reach + 1 < swept.size else ""
     return GainWindow(
-        source, swept, rms, peak, cycle, float(swept[reach]), float(swept[best]), limited_by=limited, count=resolution,
-        worst=tuple(worst_on),
+        source, swept, rms, judged, peak, cycle, safe, float(swept[best_place(swept, rms, safe)]), limited_by=limited,
+        count=resolution, worst=tuple(worst_on), unresolved=_unresolved(plain, moving, resolution),
     )  # fmt: skip
 
 
-def _worst(found: list[Metrics], plain: Metrics, resolution: float) -> tuple[float, float, float]:
-    """Return the worst RMS error and reversal peak as shares of those without, and the largest limit cycle, rad (m).
+def _unresolved(plain: dict[str, Metrics], moving: Iterable[str], count: float) -> tuple[Unresolved, ...]:
+    found = ((name, plain[name]) for name in moving if not resolves(plain[name], count))
+    return tuple(Unresolved(name, metrics.rms / count, metrics.peak / count) for name, metrics in found)
 
-    A limit cycle that the axis has anyway does not count.
-    """
-    return (
+
+@dataclass(frozen=True)
+class _Worst:
+    """The worst of a motion over parameter errors: errors as shares of those without, the limit cycle in rad (m)."""
+
+    rms: float
+    judged: float
+    reversal_peak: float
+    cycle: float
+
+
+def _worst(found: list[Metrics], plain: Metrics, resolution: float) -> _Worst:
+    """Return the worst of a motion; a limit cycle that the axis has anyway does not count."""
+    return _Worst(
+        max(_ratio(m.rms, plain.rms) for m in found),
         max(_ratio(m.rms, plain.rms, resolution) for m in found),
         max(_ratio(m.reversal_peak, plain.reversal_peak, resolution) for m in found),
         max((m.cycle_amplitude for m in found if m.cycle_amplitude > LARGER * plain.cycle_amplitude), default=0.0),
     )
 
 
-def _ratio(value: float, reference: float, resolution: float) -> float:
-    value, reference = max(value, resolution), max(reference, resolution)
+def _ratio(value: float, reference: float, least: float = 0.0) -> float:
+    value, reference = max(value, least), max(reference, least)
     return value / reference if reference > 0.0 else 1.0

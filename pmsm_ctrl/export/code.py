@@ -161,8 +161,8 @@ def _require_safe(design: Design) -> str:
     if verdict.safe is False:
         raise UnsafeGainError(
             f"{design.source or design.name}: compensation.gain: {100.0 * gain:g} % with the "
-            f"{by} is not safe: {verdict.why}. `pmsm-ctrl compensate` recommends a source and a safe gain and prints "
-            "the command that exports them; --force exports this one"
+            f"{by} is not safe: {verdict.why}. `pmsm-ctrl compensate` recommends a source and a safe gain, where one "
+            "lowers the error, and prints the command that exports them; --force exports this one"
         )
     return verdict.why
 

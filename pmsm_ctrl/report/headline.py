@@ -7,7 +7,7 @@ from pathlib import Path
 from pmsm_ctrl.compare import Comparison
 from pmsm_ctrl.compare.notices import HOLDOUT_IS_LOG
 from pmsm_ctrl.compensate import CompensationStudy, Variant
-from pmsm_ctrl.compensate.notices import safe_gain
+from pmsm_ctrl.compensate.notices import safe_gain, why_none
 from pmsm_ctrl.compensate.present import first_pictures as compensation_pictures
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, Verdict
@@ -103,8 +103,9 @@ def of_compensation(found: CompensationStudy) -> Headline:
     verdict = next(block for block in found.section().blocks if isinstance(block, str))
     best = found.recommendation
     if best is None:
-        gain = ("none", "recommended gain: no safe one lowers the error; changes below are at a gain of 100 %")
+        gain = ("none", f"recommended gain: {why_none(found.verdict)}; changes below are at a gain of 100 %")
         variant, meant = Variant.ALL, "at a gain of 100 %, which is not recommended"
+        meant += "" if found.resolved_motions() else " and below what the encoder resolves"
     else:
         chosen = best.compensation
         by = "of the disturbance observer" if chosen.source == "observer" else f"with {chosen.source}-speed feedforward"

@@ -248,7 +248,7 @@ MUTATIONS = (
              "FACTORS = (0.8, 1.0, 1.2)", "FACTORS = (0.8, 1.0)",
              "unit/compensate/test_compensation.py -k window_ends_before"),
     Mutation("safe gain: a limit cycle is no reason", "compensate/window.py",
-             "good = (cycle == 0.0) & (rms <= WORSE)", "good = rms <= WORSE",
+             "good = (cycle == 0.0) & (judged <= WORSE)", "good = judged <= WORSE",
              "unit/compensate/test_compensation.py -k window_ends_before"),
     Mutation("tracker: the known torque is added to friction", "track/model.py",
              "coulomb(direction, F_c) - T_load - known", "coulomb(direction, F_c) - T_load + known",

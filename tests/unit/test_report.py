@@ -364,7 +364,7 @@ def wide_compensation(design: Design) -> CompensationStudy:
     variants = ((Variant.NONE, 1.0), (Variant.COMMANDED, 0.8))
     table = tuple(Row(name, motion, factor, many) for name, factor in variants for motion in motions)
     gains = np.array([0.0, 1.0])
-    window = GainWindow("commanded", gains, gains, gains, 0.00123 * gains, 0.0, 0.0, None)
+    window = GainWindow("commanded", gains, gains, gains, gains, 0.00123 * gains, 0.0, 0.0, None)
     return CompensationStudy(design, table, {"commanded": window})
 
 

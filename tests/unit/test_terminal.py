@@ -208,8 +208,12 @@ def test_after_compensate_what_is_recommended_is_exported_and_then_verified(
     assert written == "pmsm-ctrl export best.toml --language st --output axis-2"
     own = next_step("compensate", given | {"design": Path("best.toml")}, "", ["compensate"], best)
     assert own == "pmsm-ctrl export best.toml --language st --output best"
-    # nothing to recommend: a finer sweep may find a gain
-    assert next_step("compensate", given, "", ["compensate"]) == "pmsm-ctrl compensate axis.toml --step 2"
+    # nothing to recommend: a finer sweep is offered where it may find a gain, and nothing where no gain can help
+    assert next_step("compensate", given, "finer_step", ["compensate"]) == "pmsm-ctrl compensate axis.toml --step 2"
+    tuned = "pmsm-ctrl tune axis.toml --output new.toml"
+    assert next_step("compensate", given | {"step": 2.0}, "finer_step", ["compensate"]) == tuned
+    assert next_step("compensate", given, "not_lowered", ["compensate"]) == tuned
+    assert next_step("compensate", given, "not_resolved", ["compensate"]) == ""
 
 
 @pytest.mark.parametrize("scenario", ["multisine", "chirp", "noise", "prbs"])

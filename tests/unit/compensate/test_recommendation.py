@@ -27,7 +27,7 @@ class Axis:
         good = swept <= self.limit
         safe = float(swept[good][-1])
         best = float(swept[int(np.argmin(np.where(good, rms, 9.0)))])
-        return GainWindow(self.source, swept, rms, rms, np.where(good, 0.0, 1e-3), safe, best)
+        return GainWindow(self.source, swept, rms, rms, rms, np.where(good, 0.0, 1e-3), safe, best)
 
 
 @pytest.mark.parametrize(
