@@ -113,11 +113,14 @@ def of_compensation(found: CompensationStudy) -> Headline:
         gain = (percent(best.gain, 0), f"recommended gain {by}; safe up to {safe_gain(window)}, the sweep ends at "
                 f"{percent(float(window.gains[-1]), 0)}")  # fmt: skip
         variant, meant = Variant.RECOMMENDED, "at the recommended gain"
+    rms, peak = (f"{100 * found.change(variant, metric):+.0f} %" for metric in ("rms", "reversal_peak"))
+    if not found.resolved_motions():  # as in the tables
+        rms, peak = f"({rms})", f"({peak})"
     numbers = (
         gain,
-        (f"{100 * found.change(variant):+.0f} %",
+        (rms,
          f"change of the rms position error at reversals {meant}, parameters right, the worst of the speeds"),
-        (f"{100 * found.change(variant, 'reversal_peak'):+.0f} %", "the same of the peak error after a reversal"),
+        (peak, "the same of the peak error after a reversal"),
     )  # fmt: skip
     good = found.accepted if found.verdicts else None
     return Headline(done, verdict, good, numbers, compensation_pictures(found))

@@ -20,6 +20,7 @@ from pmsm_ctrl.compensate.window import GainWindow, resolves
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.design_parts import Compensation
 from pmsm_ctrl.next_steps import next_step
+from pmsm_ctrl.report import headline_of
 from pmsm_ctrl.section import Table
 from tests.effort import seeds
 
@@ -196,6 +197,10 @@ def test_a_study_whose_encoder_shows_nothing_says_so_and_offers_no_finer_step(se
     (one,) = told["unresolved"]
     assert one == {"motion": "creep 1 rad/s", "rms_counts": pytest.approx(0.2), "peak_counts": pytest.approx(0.7)}
     assert told["windows"]["reference"]["rms"] == [1.0, None, None, None]
+    headline = headline_of(study)
+    assert headline is not None
+    assert [number for number, _ in headline.numbers] == ["none", "(+30 %)", "(+29 %)"]  # 0.9 of 0.7 counts
+    assert headline.numbers[0][1].startswith("recommended gain: the encoder does not resolve the error due to friction")
     given = {"design": "axis.toml", "step": 50.0}
     assert next_step("compensate", given, study.verdict) == ""
 
