@@ -53,7 +53,8 @@ def gain_sweep(study: CompensationStudy) -> Figure:
         title=f"Gain sweep, parameters right and 20 % wrong\n(dotted: highest safe gain; shaded: safe by {used} speed)",
     )
     upper.legend(fontsize="small")
-    lower.set(ylabel="limit cycle at rest [mrad]", xlabel="gain of the compensation [%]")
+    angle = axis_unit("rad", study.design.motion)
+    lower.set(ylabel=f"limit cycle at rest [m{angle}]", xlabel="gain of the compensation [%]")
     return figure
 
 
