@@ -132,9 +132,12 @@ def _small_at_its_bound(found: Settled, fit: Solved, at: Mapping[int, float], be
     if LATENESS not in found.model.names or not stopped(found.record, found.model):
         return False
     without = holding(fit, {**at, found.model.names.index(LATENESS): 0.0})
-    target, used = found.record.target[0], found.record.weight[0] * found.record.mask
-    left, whole = (float(np.sum(((target - one.predicted()[0]) * used) ** 2)) for one in (beside, without))
-    return left > MOST * whole
+    target, record = found.record.target[0], found.record
+    for used in (record.weight[0] * record.mask, record.mask):  # as the fit weighs it, and as it is reported
+        left, whole = (float(np.sum(((target - one.predicted()[0]) * used) ** 2)) for one in (beside, without))
+        if left <= MOST * whole:
+            return False
+    return True
 
 
 def _about_its_delay(design: Design, found: Settled, values: Array) -> Settled:
