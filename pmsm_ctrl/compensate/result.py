@@ -154,7 +154,7 @@ class CompensationStudy(Result):
     @property
     def unresolved(self) -> tuple[Unresolved, ...]:
         """Motions of the sweep whose error the encoder does not resolve without compensation: no source changes it."""
-        return next(iter(self.windows.values())).unresolved
+        return next((window.unresolved for window in self.windows.values()), ())
 
     @property
     def accepted(self) -> bool:
@@ -232,7 +232,7 @@ class CompensationStudy(Result):
         -------
         tuple of str
         """
-        count = next(iter(self.windows.values())).count
+        count = next((window.count for window in self.windows.values()), 0.0)
         rows = (row for row in self.table if row.variant == Variant.NONE and row.motion.startswith(motion))
         return tuple(row.motion for row in rows if resolves(row.metrics, count))
 

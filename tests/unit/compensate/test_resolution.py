@@ -15,7 +15,6 @@ from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.plants import judged
 from pmsm_ctrl.compensate.recommendation import finer_may_help, recommended
 from pmsm_ctrl.compensate.result import CompensationStudy, Row, Variant
-from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.compensate.window import GainWindow, resolves
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.design_parts import Compensation
@@ -255,10 +254,10 @@ def test_a_coarser_encoder_of_the_reference_motor(seed_motor: Design, counts: in
     def run(gain: float, factor: float, name: str) -> Metrics:
         on = base if gain == 0.0 else compensated(base, ["coulomb", "viscous"], factor=factor, source="commanded")
         trial = trials[motions[name].trial]
-        return judge(trial, run_trial(on, trial, truth=motions[name].plant, seed=seed), count_angle(axis))
+        return judge(trial, run_trial(on, trial, truth=motions[name].plant, seed=seed), axis.encoder_step)
 
     moving = [name for name in motions if not motions[name].at_rest]
-    found = gain_window(run, moving, "commanded", gains=(1.0,), resolution=count_angle(axis))
+    found = gain_window(run, moving, "commanded", gains=(1.0,), resolution=axis.encoder_step)
     assert found.safe == 1.0
     assert found.resolved is shown
     assert found.best == float(shown)
