@@ -69,9 +69,8 @@ def explain(error: ValidationError, root: type[BaseModel], source: str) -> str:
         return f"{where}: missing; {_accepted(root, first['loc'])}"
     if kind == "value_error":
         told = first["msg"].removeprefix("Value error, ")
-        return (
-            f"{where}: {told}" if first["loc"] else f"{source}: {told}".removeprefix(": ")
-        )  # it says the place itself
+        # a complaint of the design as a whole says the place itself
+        return f"{where}: {told}" if first["loc"] else f"{source}: {told}".removeprefix(": ")
     shown = repr(found) if len(repr(found)) < 60 else f"a {type(found).__name__}"
     message = first["msg"][0].lower() + first["msg"][1:]
     for bound in ("ge", "le"):  # pydantic writes 1e-15 with all its zeros
