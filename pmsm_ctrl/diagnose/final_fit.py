@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from pmsm_ctrl.diagnose.case import Case
@@ -12,7 +13,7 @@ from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.diagnose.shapes import searched, with_shapes_fitted
 from pmsm_ctrl.regression.columns import SINGLE
 
-__all__ = ["finally_fitted", "reaching_zero"]
+__all__ = ["finally_fitted", "reaching_zero", "without_end"]
 
 
 def finally_fitted(case: Case, selection: Selection) -> Selection:
@@ -24,7 +25,7 @@ def finally_fitted(case: Case, selection: Selection) -> Selection:
     selection : Selection
     """
     last = with_profiles(case.design, with_shapes_fitted(case.design, selection.fit))
-    refusal = reaching_zero(last)
+    refusal = reaching_zero(last) or without_end(last)
     if refusal is not None:
         refused = {**selection.refused, name_of(selection.steps[0].trial): refusal}
         return Selection((case.fit(()),), (), refused)
@@ -51,4 +52,25 @@ def reaching_zero(fit: Fitted) -> Refusal | None:
         if low <= 0.0 and high < one.effect.parameter(name).upper:
             half = 0.5 * (high - low)
             return Refusal(Reason.NOT_DETERMINED, {"parameter": name, "value": one.shape[name], "stderr": half})
+    return None
+
+
+def without_end(fit: Fitted) -> Refusal | None:
+    """Return that the first effect is a voltage whose shape the log does not hold: its interval has no upper end.
+
+    A dead time whose knee is beyond the currents is proportional to them. It is a resistance, which the model has, and
+    all that it gains may be that the resistance returns to the datasheet.
+
+    Parameters
+    ----------
+    fit : Fitted
+        With its intervals.
+    """
+    if not fit.accepted or fit.accepted[0].effect.enters != "voltage":
+        return None
+    one = fit.accepted[0]
+    for name in sorted(searched(one)):
+        low, high = fit.profiles.get((0, name), (0.0, 0.0))
+        if math.isinf(high):
+            return Refusal(Reason.NOT_DETERMINED, {"parameter": name, "value": one.shape[name], "stderr": high - low})
     return None

@@ -223,6 +223,8 @@ MUTATIONS = (
     Mutation("amplitudes: shapes that were tried cost nothing", "diagnose/criteria.py",
              "if p * len(free) * tried > policy.significance", "if p * len(free) > policy.significance",
              "unit/diagnose/test_criteria.py"),
+    Mutation("voltages: a loss proportional to the current is a dead time", "diagnose/final_fit.py",
+             "if math.isinf(high):", "if math.isnan(high):", "unit/diagnose/test_shapes.py"),
     Mutation("errors: with nuisances that raise them", "diagnose/fit.py",
              "if better else values", "if not values.size else values",
              "unit/diagnose/test_reported_errors.py"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,7 @@ from scipy.optimize import curve_fit
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add
-from pmsm_ctrl.diagnose.final_fit import reaching_zero
+from pmsm_ctrl.diagnose.final_fit import reaching_zero, without_end
 from pmsm_ctrl.diagnose.fit import Accepted
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.shapes import tangent_of
@@ -93,3 +94,15 @@ def test_a_size_whose_interval_reaches_zero_is_not_determined(ends: tuple[float,
     fit: Any = SimpleNamespace(accepted=(bristle,), profiles={} if ends is None else {(0, "z_s"): ends})
     found = reaching_zero(fit)
     assert (found is not None and found.reason is Reason.NOT_DETERMINED) is refused
+
+
+@pytest.mark.parametrize(("ends", "refused"), [((10.2, math.inf), True), ((0.0153, 0.037), False), (None, False)])
+def test_a_voltage_proportional_to_the_current_is_a_resistance(ends: tuple[float, float] | None, refused: bool) -> None:
+    """A dead time of 5 V was named, linear up to 24 A where 95 % of the currents are below 1.7 A; none was there."""
+    loss = Accepted(CATALOGUE["dead_time"], {"i_0": 24.1}, ({"i_0": 0.2}, {"i_0": 2.0}))
+    fit: Any = SimpleNamespace(accepted=(loss,), profiles={} if ends is None else {(0, "i_0"): ends})
+    found = without_end(fit)
+    assert (found is not None and found.reason is Reason.NOT_DETERMINED) is refused
+    drift = Accepted(CATALOGUE["thermal_drift"], {"tau": 100.0}, ({"tau": 1.0}, {"tau": 200.0}))
+    other: Any = SimpleNamespace(accepted=(drift,), profiles={(0, "tau"): (30.0, math.inf)})
+    assert without_end(other) is None, "a drift that goes on is a straight line, which the model does not have"
