@@ -46,7 +46,7 @@ def of_simulation(design: Design, swept: SweepResult, duration: float) -> Headli
         label = f"{symbol} from the sweep"
         if true.get(symbol):
             deviations.append(100.0 * (estimate.value / true[symbol] - 1.0))
-            sure.append(abs(estimate.value - true[symbol]) > SURE * estimate.stderr)
+            sure.append(not abs(estimate.value - true[symbol]) <= SURE * estimate.stderr)  # of an unknown error as well
             label += f", {deviations[-1]:+.2f} % from the simulated value"
         numbers.append((f"{estimate.value:.4g} {estimate.unit}", label))
     if deviations:  # of no friction there is no torque of which it would be a share

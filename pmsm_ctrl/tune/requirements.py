@@ -147,10 +147,8 @@ class Specification:
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
                 raise RequestError(f"{name}: {value:g}; a positive number was expected")
-        if self.phase_margin != USUAL_MARGIN and (self.current, self.speed) == (
-            "modulus_optimum",
-            "symmetrical_optimum",
-        ):
+        by_rule = self.current == "modulus_optimum" and self.speed == "symmetrical_optimum"
+        if by_rule and self.phase_margin != USUAL_MARGIN:
             raise RequestError(
                 f"phase_margin: {self.phase_margin:g}; it follows from the modulus and the symmetrical optimum; the "
                 "methods 'bandwidth' of both loops, 'pole_cancellation' of the current and 'pole_placement' of the "

@@ -394,6 +394,7 @@ def test_a_design_without_friction_has_no_share_of_it_in_the_headline(designs: P
         (0.009, 0.001, True, "within 0.90 % (accepted: 1 %)"),
         (0.03, 0.015, None, "more than the accepted 1 %, and no more than its noise makes"),
         (0.03, 0.005, False, "more than the accepted 1 %, and more than its noise makes"),
+        (0.03, float("nan"), False, "more than the accepted 1 %, and more than its noise makes"),
     ],
 )
 def test_a_sweep_says_whether_its_noise_or_it_misses_the_friction(
