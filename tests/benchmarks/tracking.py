@@ -133,7 +133,11 @@ def main() -> None:
         for measure in ("theta", "omega"):
             c = consistency(design, runs, walking=walking, measure=measure, first=1000)
             label = f"from {measure}, friction {'walks' if walking else 'constant'}, {runs} runs"
-            row(f"NEES, NIS inside their 95 % bands, {label}", f"{100 * c.nees:.1f} %, {100 * c.nis:.1f} %", "93-97 %")
+            row(
+                f"NEES, NIS (torque steady) in their 95 % bands, {label}",
+                f"{100 * c.nees:.1f} %, {100 * c.nis:.1f} %",
+                "93-97 %",
+            )
             row(f"bias of F_c, F_v, {label}", f"{100 * c.bias[0]:+.3f} %, {100 * c.bias[1]:+.3f} %", "< 1 %")
             row(f"efficiency (posterior Cramer-Rao bound / squared error), {label}",
                 f"{c.efficiency[0]:.2f}, {c.efficiency[1]:.2f}", "printed")  # fmt: skip
