@@ -392,6 +392,9 @@ class Evaluated(Part):
         default=None, description="periods after a reversal at which the friction steps in the torque, if it does"
     )
     commanded: bool = Field(default=False, description="whether torque and currents are commands")
+    in_step: bool = Field(
+        default=False, description="whether they were sampled in step with a position reference that is held"
+    )
     age: Finite | None = Field(default=None, description="age of a speed that is all that is known of the motion, s")
     speed_filter: NonNegative = Field(default=0.0, description="time constant of its filter that was corrected, s")
     weight: NonNegative = Field(default=0.0, description="share of the torque that errors at edges are weighed by")

@@ -39,6 +39,7 @@ from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.held_out import same_as_log
+from pmsm_ctrl.diagnose.in_step import sampled_in_step
 from pmsm_ctrl.diagnose.late import begun_late, better_late, not_ahead, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
@@ -236,6 +237,8 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
                 return named
         if small.steps and (named := _answered(minor, small, plan, progress))[1].steps:
             return named
+    if not found.steps and (held := sampled_in_step(case, found.selection.fit)) is not None:
+        return _answered(held, _selected(held, progress=progress), plan, progress)
     return case, found
 
 

@@ -8,6 +8,8 @@ from enum import StrEnum
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Calibration
+from pmsm_ctrl.regression.drive_timing import IN_STEP
+from pmsm_ctrl.regression.timed_record import FRICTION
 from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
@@ -351,5 +353,7 @@ def at_bounds(fit: Fitted) -> Iterator[Notice]:
     fit : Fitted
     """
     for k, bound in fit.estimate.held.items():
+        if IN_STEP in fit.model.names and fit.model.names[k] == FRICTION["viscous"]:
+            continue  # it is not told, and a notice of its own says so
         value, stderr = float(fit.plain.values[k]), float(fit.plain.stderr[k])
         yield ESTIMATE_AT_BOUND(parameter=fit.model.names[k], bound=bound, value=value, stderr=stderr)

@@ -130,6 +130,9 @@ class Record:
         Whether the design states when the drive signal was sampled.
     commanded : bool
         Whether the drive signal is a command, by what the design states or the log shows.
+    in_step : bool
+        Whether the drive signal holds a part in proportion to the speed that no friction makes: it was sampled in step
+        with a position reference that is held.
     unseen : float
         Time in gaps of the log, s.
     turning : float
@@ -182,6 +185,7 @@ class Record:
     early: float = 0.0
     sampling_stated: bool = False
     commanded: bool = False
+    in_step: bool = False
     unseen: float = 0.0
     turning: float = 0.0
     found: float = 0.0

@@ -20,11 +20,13 @@ from pmsm_ctrl.regression.bandwidth import with_sound_inertia
 from pmsm_ctrl.regression.base_fit import Settled, reads_torque, settled_model
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.drive_timing import AGE, LATENESS, Sampling
+from pmsm_ctrl.regression.filter_profile import LOWERED
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
 from pmsm_ctrl.regression.model import FIXED
 from pmsm_ctrl.regression.notices import AS_STATED, NO_REGRESSION
-from pmsm_ctrl.regression.timed_record import as_possible_command, timed_record
+from pmsm_ctrl.regression.sampling_terms import in_step
+from pmsm_ctrl.regression.timed_record import FRICTION, as_possible_command, timed_record
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Based", "based"]
@@ -79,6 +81,20 @@ def based(design: Design, log: Log) -> Based:
         When a channel is missing or the axis hardly moves.
     """
     timed = as_possible_command(timed_record(design, log))
+    found = _based(design, log, timed)
+    viscous = found.fit.at_bound.get(FRICTION["viscous"])
+    if viscous is None or (other := in_step(timed, FRICTION["viscous"], viscous.free, viscous.stderr)) is None:
+        return found
+    again = _based(design, log, other)
+    return again if _left(again) < LOWERED * _left(found) else found
+
+
+def _left(found: Based) -> float:
+    """Weighted norm of what the fit leaves of the torque."""
+    return float(np.linalg.norm(found.record.weight[0] * found.record.mask * found.fit.residual))
+
+
+def _based(design: Design, log: Log, timed: Record) -> Based:
     found = settled_model(design, timed)
     problem = _problem(design, found)
     weight = found.record.weight[0]

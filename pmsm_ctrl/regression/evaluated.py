@@ -39,6 +39,7 @@ def with_evaluation(design: Design, record: Record, log: Log) -> Design:
         reversals=record.timing.reversals,
         stepped=record.timing.stepped,
         commanded=record.commanded,
+        in_step=record.in_step,
         age=None if record.age is None else record.age.late,
         speed_filter=0.0 if record.age is None else record.age.lag,
         weight=record.wrong,
@@ -67,7 +68,8 @@ def record_as_evaluated(design: Design, log: Log) -> Record:
     age = None if known.age is None else DriveTiming(known.age, known.speed_filter)
     timing = DriveTiming(known.late, known.filter, reversals=known.reversals, stepped=known.stepped)
     record = make_record(design, log, processing, age, timing, known.weight, known.edges)
-    record = without_stretches(replace(record, commanded=known.commanded), known.left_out, known.changes)
+    record = replace(record, commanded=known.commanded, in_step=known.in_step)
+    record = without_stretches(record, known.left_out, known.changes)
     record = with_counts(record, known.counts) if known.counts else record
     record = turned_by(record, known.zeros) if known.zeros else record
     return replace(record, lines=known.encoder_lines, memo={}, kept={})

@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.conditioning import default_cutoff
 from pmsm_ctrl.regression.drive_timing import (
     AGE,
     CURRENT_LOOP,
     EMF,
     EMF_FILTERED,
     EMF_LATE,
+    IN_STEP,
     INSTANT,
     LATENESS,
     SPEED_SPREAD,
     SPREAD,
     STATED_WITHIN,
+    SURE,
     DriveTiming,
     emf_left,
 )
+from pmsm_ctrl.regression.notices import IN_STEP as IN_STEP_SAMPLED
+from pmsm_ctrl.units import axis_unit
 
-__all__ = ["FILTERED", "Term", "instant_terms", "sampling_terms", "speed_terms"]
+__all__ = ["FILTERED", "Term", "in_step", "instant_terms", "sampling_terms", "speed_terms"]
 
 Array = NDArray[np.float64]
 
@@ -32,6 +38,8 @@ Array = NDArray[np.float64]
 FILTERED = 3e-3
 # Control rate of a drive that states none, Hz; and a third of 0.1 % of the torque, as small as effects are named.
 SLOWEST_CONTROL, LEAST_EXCESS = 4e3, 3e-4
+# Largest speed loop over position loop, and the longest time for which a reference is held, s.
+LOOPS_APART, HELD = 3.0, 4e-3
 VAGUE = 100.0  # prior of the delay of the drive signal, in units of what is possible
 
 
@@ -96,6 +104,46 @@ def sampling_terms(record: Record, settled: bool) -> Iterator[Term]:
         late, filtered = columns
         yield Term(EMF, lambda: {"torque": late}, 0.0, EMF_LATE)
         yield Term(EMF_FILTERED, lambda: {"torque": filtered}, 0.0, EMF_LATE)
+    if record.in_step:
+        yield Term(IN_STEP, lambda: {"torque": record.signals["omega"]}, 0.0, largest_step(record))
+
+
+def largest_step(record: Record) -> float:
+    """Return the largest torque over speed, N m s/rad, that sampling in step with a held position reference can show.
+
+    A position reference that is held for T steps by omega T. With a position loop of gain K_v and a speed loop of
+    angular frequency w the torque jumps by J w K_v omega T and fades to its mean until the next step; where every
+    sample stands at the same place of a step, half of that at most is taken for friction, of either sign. The speed
+    loop is taken to be as fast as the usual band, the position loop a third of that.
+
+    Parameters
+    ----------
+    record : Record
+    """
+    w = 2.0 * math.pi * default_cutoff(record.prepared.rate)
+    return 0.5 * record.design.J * w * (w / LOOPS_APART) * HELD
+
+
+def in_step(record: Record, symbol: str, slope: float, stderr: float) -> Record | None:
+    """Return the record as one that was sampled in step with a held position reference; None where it is not.
+
+    That is told from friction where viscous friction would surely be negative.
+
+    Parameters
+    ----------
+    record : Record
+    symbol : str
+        Of the viscous friction.
+    slope, stderr : float
+        Torque over speed without bounds, and its standard error, N m s/rad (N s/m).
+    """
+    if record.in_step or record.sampling_stated or record.age is not None:
+        return None
+    if not SURE * stderr < -slope < largest_step(record):
+        return None
+    unit = axis_unit("N m s/rad", record.prepared.motion)
+    said = IN_STEP_SAMPLED(quantity=record.drive, slope=-slope, unit=unit, parameter=symbol)
+    return replace(record, in_step=True, notes=(*record.notes, said), memo={}, kept={})
 
 
 def instant_terms(record: Record) -> Iterator[Term]:

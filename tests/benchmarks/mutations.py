@@ -55,6 +55,8 @@ MUTATIONS = (
              "butter(4, cutoff, fs=rate", "butter(4, 0.5 * cutoff, fs=rate", "unit/regression"),
     Mutation("filter: one more step of delay in the derivative", "kernels/filters.py",
              "values[reach - j - 1 :]", "values[reach - j :]", "unit/regression"),
+    Mutation("sampling: in step with a held reference", "regression/sampling_terms.py",
+             "if record.in_step:\n", "if False:\n", "unit/diagnose/test_in_step.py"),
     Mutation("weight: edges count in full", "regression/weights.py",
              "by_variance(share * known", "by_variance(0.0 * known", "unit/regression/test_edge_share.py"),
     Mutation("weight: edges are as far off as a period allows", "regression/edge_share.py",

@@ -89,8 +89,12 @@ def test_the_doubts_that_matter_stand_first() -> None:
     log = log.with_channels(i_q=log["i_q"] - 3e-4 * log["omega"])
     stamps = Notice("irregular_time", "time stamps jitter")
     log = replace(log, provenance=Provenance("a.csv", "", "text", (), (stamps,)))
-    codes = [notice.code for notice in identify(DESIGN, log).notices]
+    stated = Design.from_dict(DESIGN.to_dict() | {"log": {"sampling": "instant"}})
+    codes = [notice.code for notice in identify(stated, log).notices]
     assert codes[:2] == ["effective_values", "parameter_at_bound"]
+    assert "irregular_time" in codes[2:]
+    codes = [notice.code for notice in identify(DESIGN, log).notices]  # the sampling may make such a torque as well
+    assert codes[:2] == ["effective_values", "in_step"]
     assert "irregular_time" in codes[2:]
 
 
