@@ -59,6 +59,8 @@ def coordinate_words(d: Dependence) -> str:
     if d.orders and d.rank:
         many = "orders" if len(d.orders) > 1 else "order"
         return f"position ({many} {', '.join(map(str, d.orders))} of a turn)"
+    if d.period:
+        return f"{d.coordinate} (a wave of {d.period / (2.0 * np.pi):.4g} turns)"
     return d.coordinate
 
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import Policy
+from pmsm_ctrl.regression.records import members
 
-__all__ = ["Level", "known_noise", "level_of"]
+__all__ = ["Level", "floor_of", "known_noise", "level_of"]
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,23 @@ def known_noise(fit: Fitted, row: int) -> float:
     if row != 0 or "J" not in names:
         return 0.0
     return abs(float(fit.plain.values[names.index("J")])) * fit.record.rough
+
+
+def floor_of(fit: Fitted, row: int) -> float:
+    """Return the rms of the noise in a balance over all samples: of each record its own, where several were joined.
+
+    Parameters
+    ----------
+    fit : Fitted
+    row : int
+        Of the balance.
+    """
+    record, sigma = fit.record, float(fit.whitener.sigma[row])
+    if record.counts:
+        inside = members(record) & record.mask
+        louder = np.array([1.0 / count**2 for count in record.counts[row]])
+        sigma *= float(np.sqrt(louder @ inside.sum(axis=1) / max(int(inside.sum()), 1)))
+    return max(sigma, known_noise(fit, row))
 
 
 def level_of(fit: Fitted, row: int) -> Level:

@@ -17,7 +17,7 @@ from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import base_parameters, fitted_design, fitted_parameters
 from pmsm_ctrl.diagnose.judging import Evidence
-from pmsm_ctrl.diagnose.level import known_noise
+from pmsm_ctrl.diagnose.level import floor_of
 from pmsm_ctrl.diagnose.limits import amounts_that_gain, detection_limits
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
@@ -253,8 +253,8 @@ def _errors(record: Record, selection: Selection) -> dict[str, Errors]:
 def noise_floor(record: Record, fit: Fitted) -> Errors:
     """Return the noise floor of each balance, from the whitened residual of a fit.
 
-    Where the balance is known to have more noise, of which candidates explain a part, it is that noise, but never more
-    than the residual.
+    Where the balance is known to have more noise, of which candidates explain a part, it is that noise. It is never
+    more than the residual: a slow load that no effect explains is taken for noise.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def noise_floor(record: Record, fit: Fitted) -> Errors:
     for row, name in enumerate(record.channels):
         size = max(float(np.sqrt(np.mean(record.target[row][record.mask] ** 2))), 1e-300)
         left = float(np.sqrt(np.mean(fit.residual[row][fit.record.mask] ** 2)))
-        rms = max(float(fit.whitener.sigma[row]), min(known_noise(fit, row), left))
+        rms = min(floor_of(fit, row), left)
         floor[name] = (rms, rms / size)
     return errors_table(record, floor)
 

@@ -23,6 +23,10 @@ from pmsm_ctrl.units import drives
 
 __all__ = ["first_pictures", "verdict_text"]
 
+# Times the mean square of the error that refitted parameters leave, from which on the design is not the one that
+# explains a log.
+OTHER_PARAMETERS = 2.0
+
 VERDICTS = {
     Verdict.CONSISTENT: "no missing effect: the design explains this log",
     Verdict.UNEXPLAINED: "significant structure in the residual that no effect of the catalogue explains",
@@ -39,6 +43,8 @@ def verdict_text(d: Diagnosis) -> str:
     ----------
     d : Diagnosis
     """
+    if d.verdict is Verdict.CONSISTENT and _refitted(d):
+        return "no missing effect: with refitted parameters the design explains this log"
     if d.verdict is not Verdict.EFFECTS_MISSING:
         return VERDICTS[d.verdict]
     # only an effect with an order, or on a linear axis with a period, is found more than once
@@ -46,6 +52,13 @@ def verdict_text(d: Diagnosis) -> str:
     counts = Counter(step.title for step in d.steps)
     titles = ", ".join(title if count == 1 else f"{title} ({count} {waves})" for title, count in counts.items())
     return f"{len(d.steps)} missing effect{'' if len(d.steps) == 1 else 's'}: {titles}"
+
+
+def _refitted(d: Diagnosis) -> bool:
+    """Whether it is not the design as it is given, all of its parameters stated, that explains a log."""
+    given, final = (d.errors[which]["torque"]["relative"] for which in ("nominal", "final"))
+    stated = all(found.nominal is not None for found in d.base.values())
+    return bool(stated and given**2 > OTHER_PARAMETERS * final**2)
 
 
 def sentence(d: Diagnosis) -> str:
@@ -62,7 +75,8 @@ def sentence(d: Diagnosis) -> str:
         error, floor = (percent(d.errors[which]["torque"]["relative"]) for which in ("final", "noise_floor"))
         if lacking := [symbol for symbol, found in d.base.items() if found.nominal is None]:
             verdict += f" with {' and '.join(lacking)}, which it does not state"
-        verdict += f" (error {error} of the {drives(d.design.motion)}, noise floor {floor})"
+        as_given = f", {percent(d.errors['nominal']['torque']['relative'])} as given" if _refitted(d) else ""
+        verdict += f" (error {error} of the {drives(d.design.motion)}{as_given}, noise floor {floor})"
     return f"{verdict[0].upper()}{verdict[1:]}."
 
 

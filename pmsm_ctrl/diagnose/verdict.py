@@ -13,7 +13,7 @@ import numpy as np
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.contradictions import contradicting, told
 from pmsm_ctrl.diagnose.fit import Fitted
-from pmsm_ctrl.diagnose.level import known_noise, level_of
+from pmsm_ctrl.diagnose.level import floor_of, level_of
 from pmsm_ctrl.diagnose.measures import excess_of
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
@@ -164,9 +164,8 @@ def _no_friction(dry: Deviation, policy: Policy) -> Notice:
 
 def _at_edges(fit: Fitted) -> float:
     """Return the rms residual of the torque over its noise floor, all moving samples alike: edges stand out of it."""
-    return float(np.sqrt(np.mean(fit.residual[0][fit.record.mask] ** 2))) / max(
-        float(fit.whitener.sigma[0]), known_noise(fit, 0), 1e-300
-    )
+    left = float(np.sqrt(np.mean(fit.residual[0][fit.record.mask] ** 2)))
+    return left / max(floor_of(fit, 0), 1e-300)
 
 
 def _refused(selection: Selection, policy: Policy) -> Iterator[Notice]:

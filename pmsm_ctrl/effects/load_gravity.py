@@ -21,15 +21,16 @@ def term(theta: float, a_s: float, a_c: float, period: float) -> float:
 
 
 def search(log: LogView) -> Search:
-    """Return the periods of more than a turn that stand out, and those of which the travel is a part or a few."""
+    """Return the period of a stated gear, those of more than a turn that stand out, and parts of the travel."""
     if log.balances.linear:
         return Search((), 1, "a linear axis has no turn that a gear could make slower")
     travel = log.travel
-    few = [travel / part for part in PARTS if travel / part >= SHORTEST]
+    stated = 2.0 * pi * log.balances.design.load.gear
+    few = [one for one in (stated, *(travel / part for part in PARTS)) if SHORTEST <= one <= travel / PARTS[0]]
     if not few:
         return Search((), 1, "the axis turns by less than half of the shortest period behind a gear")
     standing = [one for one in log.periods(STRONGEST)[0].tolist() if one >= SHORTEST][:TRIED]
-    possible = len(PARTS) + int(travel / SHORTEST)
+    possible = len(few) + int(travel / SHORTEST)
     return Search(tuple({"period": one} for one in (*few, *standing)), possible)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.evidence.waves import highest_over_position, strongest_periods
 from pmsm_ctrl.regression.conditioning import Prepared
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.residuals import policy
@@ -23,10 +24,10 @@ __all__ = ["TIME", "Curve", "Drive", "accelerations", "curves", "grid_coordinate
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-TIME = "time since start"
+TIME, TRAVEL = "time since start", "position over several turns"
 UNITS = {
-    "speed": "rad/s", "direction": "", "position": "rad", "acceleration": "rad/s^2", "current": "A", "torque": "N m",
-    "force": "N", "temperature": "degC", TIME: "s",
+    "speed": "rad/s", "direction": "", "position": "rad", TRAVEL: "rad", "acceleration": "rad/s^2", "current": "A",
+    "torque": "N m", "force": "N", "temperature": "degC", TIME: "s",
 }  # fmt: skip
 SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: dense where friction is nonlinear
 
@@ -73,6 +74,8 @@ class Curve:
         Of position on a rotary axis.
     spectrum : array, shape (2, highest), or None
         Amplitude of every mechanical order over what noise makes of it; NaN where it cannot be seen.
+    period : float
+        Of a wave over several turns in the curve, rad; 0 without one.
     """
 
     name: str
@@ -84,6 +87,7 @@ class Curve:
     tried: int = 1
     orders: tuple[int, ...] = ()
     spectrum: Array | None = None
+    period: float = 0.0
 
 
 def grid_coordinates(prepared: Prepared, drive: Drive, noise: float = 0.0) -> dict[str, Array]:
@@ -105,6 +109,8 @@ def grid_coordinates(prepared: Prepared, drive: Drive, noise: float = 0.0) -> di
         load: (drive.torque - drive.J * (alpha - slow)) / (drive.per_ampere or 1.0),
         TIME: prepared.t[keep] - prepared.t[0],
     }
+    if prepared.motion != "linear" and float(np.ptp(s["theta"])) > policy.SEVERAL_TURNS:
+        out[TRAVEL] = s["theta"][keep]
     if "temperature" in s and float(np.ptp(s["temperature"])) > 0.0:
         out["temperature"] = s["temperature"][keep]
     return out
@@ -172,6 +178,8 @@ def curves(
             found = _turn(prepared, unit, x, residual, mask, weight, both)
             if found is not None:
                 made.append(found)
+        elif name == TRAVEL:
+            made.append(_travel(prepared, unit, x, (direction, both), residual * weight**2, mask))
         else:
             # what drifts drifts slowly, and a block of time that is left out has to be reached from the others
             hats = _drift if name in (TIME, "temperature") else _hats
@@ -263,6 +271,28 @@ def _turn(
 
     x, base = np.mod(theta, 2.0 * np.pi), _base(direction[prepared.keep], both)
     return Curve("position", unit, x, base, own, draw, ways, tuple(orders), spectrum)
+
+
+def _travel(
+    prepared: Prepared, unit: str, theta: Array, directed: tuple[Array, bool], values: Array, mask: Mask
+) -> Curve:  # fmt: skip
+    """A smooth curve over the whole way, and the wave of more than a turn that stands out: a load behind a gear."""
+    direction, both = directed
+    hats, speed = _hats(theta[mask]), prepared.signals["omega"][prepared.keep][mask]
+    highest = highest_over_position(theta[mask], speed, prepared.cutoff)
+    periods, _ = strongest_periods([(values[mask], theta[mask])], highest, policy.STRONGEST)
+    long = periods[periods > policy.SEVERAL_TURNS][:1]
+    tried = max(1, int(np.ptp(theta[mask]) / policy.SEVERAL_TURNS)) if len(long) else 1
+
+    def over(points: Array) -> Array:
+        return np.hstack([hats(points), *(waves(2.0 * np.pi / one * points, (1,)) for one in long)])
+
+    def draw(points: Array, sign: float) -> tuple[Array, Array]:
+        along = np.full(len(points), sign)
+        return _base(along, both), _apart(over(points), along, both)
+
+    base, own = _base(direction, both), _apart(over(theta), direction, both)
+    return Curve(TRAVEL, unit, theta, base, own, draw, tried, period=float(long[0]) if len(long) else 0.0)
 
 
 def _smooth(

@@ -128,6 +128,8 @@ class Dependence:
         Of position on a rotary axis: the orders in the curve.
     spectrum : array, shape (2, highest), or None
         Amplitude of every order, and what noise makes of it.
+    period : float
+        Of a wave over several turns in the curve, rad; 0 without one.
     """
 
     coordinate: str
@@ -144,6 +146,7 @@ class Dependence:
     backward: Array
     orders: tuple[int, ...] = ()
     spectrum: Array | None = None
+    period: float = 0.0
 
     @property
     def significant(self) -> bool:
@@ -394,6 +397,7 @@ def _dependence(
         backward=backward,
         orders=curve.orders,
         spectrum=curve.spectrum,
+        period=curve.period,
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 __all__: list[str] = []
 
 # -- what a residual depends on ----------------------------------------------------------------------------------
@@ -51,6 +53,9 @@ FEWEST = 100
 PERIODS = 2
 # Least score of a further order, and as a share of the first one's.
 ORDER_SCORE, ORDER_SHARE = 30.0, 0.04
+
+# rad: less than this on the way is a turn, and has orders; of the strongest waves over the way, one may be longer.
+SEVERAL_TURNS, STRONGEST = 2.5 * math.pi, 24
 
 # -- beside what it depends on -----------------------------------------------------------------------------------
 

@@ -33,7 +33,7 @@ AGREED = {
     "quadratic_drag", "load_dependent_friction", "position_dependent_friction", "thermal_drift", "unbalance",
     "cogging", "torque_ripple", "torque_saturation", "iron_loss", "compliance", "backlash", "dead_time",
     "inductance_saturation", "current_offset", "current_gain", "encoder_eccentricity", "delay",
-    "rising_friction", "detent_force",
+    "rising_friction", "detent_force", "load_gravity",
 }  # fmt: skip
 # Wrong parameters are not effects, but an effect may look like one.
 PARAMETERS = {"J", "psi_f", "R", "L_d", "L_q", "K_t"}

@@ -11,6 +11,7 @@ from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.track import track
+from tests.effort import seeds
 from tests.unit.several import DESIGN, F_C, F_V, J, record, records
 
 OWN = [{"dF_c": 0.002, "offset": 0.002}, {"dF_c": -0.002, "offset": -0.001}, {"offset": -0.002}, {"dF_c": 0.001}]
@@ -140,3 +141,21 @@ def test_what_simulates_one_log_refuses_several() -> None:
         identify(DESIGN, records(OWN[:2]), method="iv")
     with pytest.raises(RequestError, match="found 2 logs; one"):
         diagnose(DESIGN, records(OWN[:2]), calibrate=1)
+
+
+@pytest.mark.parametrize("number", seeds(1, 3, 5))
+def test_the_noise_floor_is_that_of_all_records(number: int) -> None:
+    """A loud record beside a quiet one had the floor of the quiet one: its noise was an error of five times that."""
+    logs = [record(number, 12.0, noise=1e-3), record(number + 1, 12.0, noise=2e-2)]
+    found = diagnose(DESIGN, logs, plan=False)
+    error, floor = (found.errors[which]["torque"]["relative"] for which in ("final", "noise_floor"))
+    assert floor == pytest.approx(error, rel=0.1)
+    assert floor <= error
+    assert found.verdict == "consistent"
+
+
+def test_a_design_that_explains_a_log_with_other_parameters_is_not_said_to_explain_it() -> None:
+    given = diagnose(DESIGN, record(2, 12.0), plan=False)
+    assert "with refitted parameters the design explains this log" in given.summary().replace("\n", " ")
+    right = diagnose(given.design, record(2, 12.0), plan=False)
+    assert "No missing effect: the design explains this log (error" in right.summary().replace("\n", " ")

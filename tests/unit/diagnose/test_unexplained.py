@@ -159,6 +159,7 @@ def test_a_dependence_that_something_else_explains_as_well_is_an_open_question(
 ) -> None:
     record = SimpleNamespace(unit=lambda name: "N m", drive="torque")
     one = SimpleNamespace(
+        period=0.0,
         coordinate="direction", unit="", added=0.3, p_value=1e-9, peak=0.2, x=np.zeros(1), forward=np.zeros(1),
         backward=np.zeros(1), orders=(),
     )  # fmt: skip

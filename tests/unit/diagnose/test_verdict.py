@@ -43,6 +43,7 @@ def fit_of(
     at, samples = {**NOMINAL, **values}, int(samples)
     row = np.resize([1.0, -1.0], (1, samples))
     record = SimpleNamespace(
+        counts=(), notes=(),
         mask=np.ones(samples, dtype=bool), weight=np.ones((1, samples)), target=measured * row, channels=("torque",),
         cutoff=40.0, rate=200.0, drive="torque", noise_of=lambda values: 0.0, timing=DriveTiming(),
         rough=rough, turning=0.0,

@@ -20,7 +20,7 @@ SIZES = {
     "quadratic_drag": {"k_2": 1e-4}, "load_dependent_friction": {"mu": 0.3},
     "position_dependent_friction": {"b_s": 0.05}, "thermal_drift": {"dF_v": 5e-3, "tau": 0.02},
     "unbalance": {"a_s": 0.05}, "cogging": {"a_s": 0.05, "order": 12.0}, "torque_ripple": {"r_s": 0.2},
-    "detent_force": {"a_s": 0.05, "period": 0.5},
+    "detent_force": {"a_s": 0.05, "period": 0.5}, "load_gravity": {"a_s": 0.05, "period": 7.0},
     "torque_saturation": {"k_s": 0.1}, "iron_loss": {"T_h": 0.01, "k_e": 1e-3},
     "compliance": {"J_load": 5e-5, "k": 50.0, "d": 1e-3}, "inductance_saturation": {"k_L": 0.01},
     "current_offset": {"o_alpha": 0.1}, "current_gain": {"g": 0.05, "g_c": 0.05},

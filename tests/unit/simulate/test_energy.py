@@ -19,6 +19,7 @@ SIZES = {
     "position_dependent_friction": {"b_s": 0.004, "b_c": -0.002}, "thermal_drift": {"dF_v": -5e-5, "tau": 0.3},
     "unbalance": {"a_s": 0.01, "a_c": 0.003}, "cogging": {"a_s": 0.004, "order": 12.0},
     "rising_friction": {"dF_r": 0.01, "w_r": 3.0}, "detent_force": {"a_s": 0.004, "period": 0.5},
+    "load_gravity": {"a_s": 0.004, "period": 20.0},
     "torque_ripple": {"r_s": 0.05}, "torque_saturation": {"k_s": 0.05}, "iron_loss": {"T_h": 0.002, "k_e": 1e-5},
 }  # fmt: skip
 # Drag of the moving parts: whatever the state, its power is never negative.

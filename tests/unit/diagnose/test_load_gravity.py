@@ -1,0 +1,78 @@
+"""Gravity on an arm behind a gear: in closed form, by no simulator of the package."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl import Design, Log, compare, diagnose
+from tests.effort import seeds
+
+RATIO, J, F_C, F_V = 20.0, 2e-4, 0.12, 8e-4
+DESIGN = Design.from_dict(
+    {
+        "name": "arm",
+        "motor": {"J": 1.04 * J, "K_t": 0.9},
+        "effects": [{"id": "coulomb", "F_c": 1.2 * F_C}, {"id": "viscous", "F_v": 0.8 * F_V}],
+    }
+)
+
+
+def arm(seed: int, turns: float, gravity: float, seconds: float = 24.0, rate: float = 1000.0) -> Log:
+    """An arm that goes between places on this many turns of the load, by moves whose acceleration is a sine."""
+    rng = np.random.default_rng(seed)
+    dt, speeds, at, length = 1.0 / rate, [], 0.0, 0
+    while length < seconds * rate:
+        goal = rng.uniform(-0.5, 0.5) * turns * RATIO * 2.0 * np.pi
+        way = goal - at
+        count = max(int(rate * max(abs(way) / 90.0, 0.15)), 10)
+        speeds += [
+            way * (1.0 - np.cos(2.0 * np.pi * np.arange(count) / count)) * rate / count,
+            np.zeros(int(0.1 * rate)),
+        ]
+        at, length = goal, length + count + len(speeds[-1])
+    omega = np.concatenate(speeds)
+    theta = dt * (np.cumsum(omega) - 0.5 * omega)
+    alpha = np.gradient(omega, dt)
+    torque = J * alpha + F_C * np.sign(omega) + F_V * omega + gravity * np.cos(theta / RATIO + 0.3)
+    step = 2.0 * np.pi / 2**20
+    return Log(
+        {
+            "t": dt * np.arange(omega.size),
+            "theta": step * np.round(theta / step),
+            "i_q": (torque + 0.01 * rng.standard_normal(omega.size)) / 0.9,
+        }
+    )
+
+
+@pytest.mark.parametrize("turns", [0.6, 1.6, 6.0])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_it_is_named_with_its_size_and_the_ratio_of_the_gear(turns: float, seed: int) -> None:
+    """The answer was that most of the torque depends on no coordinate, and `compare` took all of it for noise."""
+    log = arm(seed, turns, 0.15)
+    found = diagnose(DESIGN, log, plan=False)
+    (step,) = found.steps
+    assert step.effect == "load_gravity"
+    period, a_s, a_c = (step.parameters[name] for name in ("period", "a_s", "a_c"))
+    assert period.value / (2.0 * np.pi) == pytest.approx(RATIO, rel=0.02 if turns > 1.0 else 0.25)
+    if turns > 1.0:
+        assert np.hypot(a_s.value, a_c.value) == pytest.approx(0.15, rel=0.03)
+    bare = compare(DESIGN, log)
+    assert bare.verdict == "unexplained"
+    assert "position over several turns" in str(bare.summary()).replace("\n", " ")
+    written = compare(found.design, log).log.errors["torque"]
+    assert written.relative < 1.2 * found.errors["noise_floor"]["torque"]["relative"]
+
+
+@pytest.mark.parametrize("turns", [0.6, 6.0])
+@pytest.mark.parametrize("seed", seeds(4, 5, 6))
+def test_nothing_is_named_without_one(turns: float, seed: int) -> None:
+    found = diagnose(DESIGN, arm(seed, turns, 0.0), plan=False)
+    assert (found.verdict, found.steps) == ("consistent", ())
+
+
+@pytest.mark.parametrize("seed", seeds(7, 8))
+def test_unbalance_of_the_motor_is_none_behind_a_gear(seed: int) -> None:
+    log = arm(seed, 2.0, 0.0)
+    log = log.with_channels(i_q=log["i_q"] + 0.06 / 0.9 * np.sin(log["theta"] + 0.4))
+    assert [step.effect for step in diagnose(DESIGN, log, plan=False).steps] == ["unbalance"]
