@@ -140,6 +140,8 @@ class Record:
         The errors of each of its records: as predicted, and with the level of its friction refitted.
     timing : DriveTiming
         How the drive signal was sampled beside the position.
+    timing_stderr : float
+        Standard error of its delay, s.
     """
 
     name: str
@@ -152,6 +154,7 @@ class Record:
     notices: tuple[Notice, ...] = ()
     rows: tuple[RecordResult, ...] = ()
     timing: DriveTiming = UNDELAYED
+    timing_stderr: float = 0.0
 
     @property
     def ratios(self) -> dict[str, float]:
@@ -216,7 +219,9 @@ class Comparison(Result):
             "where": {name: found.to_dict() for name, found in log.structure.items()},
             "worst_stretches": stretches,
             "records": [row.to_dict() for row in self.records],
-            "timing": {"late": log.timing.late, "filter": log.timing.lag, "unit": "s"},
+            "timing": {
+                "late": log.timing.late, "filter": log.timing.lag, "stderr": log.timing_stderr, "unit": "s",
+            },
             "holdout_log": other and other.name,
             "holdout_errors": other and _plain(other.errors),
             "holdout_simulation": other and [_plain_run(s) for s in other.simulated],
@@ -362,6 +367,7 @@ def _record(design: Design, log: Log, prediction: Prediction, progress: Callable
         ),
         rows=rows,
         timing=prediction.timing,
+        timing_stderr=prediction.timing_stderr,
     )
 
 

@@ -89,7 +89,7 @@ def _(result: Diagnosis) -> Section:
         without = " without the effects found" if d.steps else ""
         blocks.append(f"Base model{without}: {', '.join(_beside_stated(s, e) for s, e in d.base.items())}.")
     blocks += [f"Note: {note.text}." for note in d.remarks]
-    if (sampled := sampling_text(d.timing, drives(d.design.motion))) is not None:
+    if (sampled := sampling_text(d.timing, drives(d.design.motion), d.timing_stderr)) is not None:
         blocks.append(sampled)
     essential = [_found(d)] if d.steps else []
     if any(v.outside for v in d.parameter_deviations):

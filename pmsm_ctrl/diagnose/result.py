@@ -17,7 +17,7 @@ from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.drive_timing import DriveTiming
+from pmsm_ctrl.regression.drive_timing import LATENESS, DriveTiming
 from pmsm_ctrl.regression.lateness import lateness
 from pmsm_ctrl.regression.record_result import Errors, RecordResult, RecordSpread
 from pmsm_ctrl.result import Estimate, Result, Verdict, jsonable
@@ -319,6 +319,12 @@ class Diagnosis(Result):
         return DriveTiming(undone.late + lateness(fit.model, fit.plain.values), undone.lag)
 
     @property
+    def timing_stderr(self) -> float:
+        """Standard error of that lag, s; 0 where the log does not tell it."""
+        names, stderr = self.selection.fit.model.names, self.selection.fit.plain.stderr
+        return float(stderr[names.index(LATENESS)]) if LATENESS in names else 0.0
+
+    @property
     def level_refitted(self) -> bool:
         """Whether held-out records are judged with the level of their friction refitted: where several are fitted."""
         return sum(not row.held_out for row in self.records) > 1
@@ -387,7 +393,9 @@ class Diagnosis(Result):
             "steps": [vars(step) for step in self.steps],
             "ranking": [row.to_dict() for row in self.ranking],
             "parameter_deviations": [vars(d) for d in self.parameter_deviations],
-            "timing": {name: getattr(self.timing, name) for name in ("late", "lag", "sure")},
+            "timing": {
+                **{name: getattr(self.timing, name) for name in ("late", "lag", "sure")}, "stderr": self.timing_stderr,
+            },
             "next_experiment": self.next_experiment,
             "unexplained": self.unexplained,
             "unexplained_code": self.left.code if self.left is not None else "",

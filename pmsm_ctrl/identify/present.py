@@ -57,7 +57,7 @@ def _(result: Identification) -> Section:
         blocks.append(records_table(result.records, quantity, "of the design", "identified"))
         if (drift := spread_sentence(result.spreads)) is not None:
             blocks.append(drift)
-    if (sampled := sampling_text(result.timing, quantity)) is not None:
+    if (sampled := sampling_text(result.timing, quantity, result.sampling.stderr)) is not None:
         blocks.append(sampled)
     if result.unidentifiable:
         lost = tuple((name, why.text, why.code) for name, why in result.unidentifiable.items())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pmsm_ctrl.regression.drive_timing import DriveTiming
+from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
@@ -133,7 +134,8 @@ ORDERS_BEYOND_BAND = Template(
     "{percent:.0f} % of the speeds and is not judged: a log of slower motion (below {slow:.2g} rad/s) shows it",
 )
 
-SHOWN_MS = 0.01  # ms; a smaller lag is not reported
+# ms; a smaller lag is not reported, nor is one of less than so many standard errors.
+SHOWN_MS, SURELY = 0.01, 2.0
 WORSE_THAN_GIVEN = Template(
     "worse_than_given",
     "the torque error is {percent:.3g} % with the fitted parameters and {given:.3g} % with those of the given design: "
@@ -158,17 +160,20 @@ def timing_notice(timing: DriveTiming, quantity: str) -> Notice:
     return DRIVE_LATE(quantity=quantity, delay=1e3 * timing.delay)
 
 
-def sampling_text(timing: DriveTiming, quantity: str) -> str | None:
-    """Return how the drive signal was sampled; None where it was in time with the position.
+def sampling_text(timing: DriveTiming, quantity: str, stderr: float = 0.0) -> str | None:
+    """Return how the drive signal was sampled; None where it was in time with the position, as far as the log tells.
 
     Parameters
     ----------
     timing : DriveTiming
     quantity : str
         The word for what drives the axis: torque or force.
+    stderr : float
+        Standard error of the delay, s; 0 where it is not known.
     """
-    late, lag = 1e3 * timing.late, 1e3 * timing.lag
+    late, lag, error = 1e3 * timing.late, 1e3 * timing.lag, 1e3 * stderr
     parts = [f"was filtered, time constant {lag:.3g} ms"] if lag >= SHOWN_MS else []
-    if abs(late) >= SHOWN_MS:
-        parts.append(f"is {abs(late):.3g} ms {'later' if late > 0.0 else 'earlier'} than the position")
+    if abs(late) >= max(SHOWN_MS, SURELY * error):
+        size = with_error(abs(late), error) if error > 0.0 else f"{abs(late):.3g}"
+        parts.append(f"is {size} ms {'later' if late > 0.0 else 'earlier'} than the position")
     return f"Sampling: the {quantity} {' and '.join(parts)} (corrected)." if parts else None

@@ -80,6 +80,11 @@ class Prediction:
             return replace(undone, late=undone.late - self.record.age.delay - self.nuisances[AGE][0])
         return replace(undone, late=undone.late + self.nuisances[LATENESS][0])
 
+    @property
+    def timing_stderr(self) -> float:
+        """Standard error of that delay, s."""
+        return self.nuisances[LATENESS if self.record.age is None else AGE][1]
+
 
 def predict(design: Design, record: Record, like: Prediction | None = None) -> Prediction:
     """Return what a design predicts of a record; nothing of the design is fitted.
