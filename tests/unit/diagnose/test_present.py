@@ -56,7 +56,9 @@ def found() -> Diagnosis:
 def fitted(late: float, lag: float) -> tuple[Any, Any]:
     """Record and selection of a log whose torque was so late, and filtered before that was undone."""
     model = SimpleNamespace(names=("J", LATENESS))
-    fit = SimpleNamespace(model=model, plain=SimpleNamespace(values=np.array([1.0, late])))
+    fit = SimpleNamespace(
+        model=model, plain=SimpleNamespace(values=np.array([1.0, late]), stderr=np.array([0.1, 1e-5]))
+    )
     return SimpleNamespace(timing=DriveTiming(0.0, lag), cutoff=52.06), SimpleNamespace(fit=fit)
 
 

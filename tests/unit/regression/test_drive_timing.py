@@ -23,6 +23,7 @@ from pmsm_ctrl.regression import timed_record
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, UNDELAYED, DriveTiming, filter_behind, in_time
 from pmsm_ctrl.regression.model import base_groups
+from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.simulate import simulate
 from tests.effort import amount, seeds, slow
 
@@ -439,3 +440,12 @@ def test_compare_sees_no_structure_in_what_sampling_does(seed: int) -> None:
     assert found.verdict == "consistent"
     assert found.log.timing.late == pytest.approx(0.5e-3, rel=0.1)
     assert found.to_dict()["timing"]["late"] == found.log.timing.late
+
+
+@pytest.mark.parametrize(("late", "stderr", "said"), [
+    (-4.94e-4, 0.0, "is 0.494 ms earlier"), (-4.94e-4, 1e-4, "is 0.49 ± 0.10 ms earlier"), (3e-4, 2e-4, None), (5e-6, 0.0, None),
+])  # fmt: skip
+def test_sampling_is_said_with_its_error(late: float, stderr: float, said: str | None) -> None:
+    """Half a millisecond stood there with three digits, of a log in which nothing was late."""
+    text = sampling_text(DriveTiming(late), "torque", stderr)
+    assert said in text if said and text else text is said
