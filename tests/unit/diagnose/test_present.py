@@ -147,7 +147,7 @@ def test_json_has_sentences_and_codes(found: Diagnosis) -> None:
     assert (refused["accepted"], refused["why_not_code"]) == (False, "not_significant")
     assert refused["shown_from"]["T_0"]["unit"] == "N m"
     assert (data["unexplained"], data["unexplained_code"]) == ("", "")
-    assert data["timing"] == {"late": 2.5e-4, "lag": 3e-3, "sure": True}
+    assert data["timing"] == {"late": 2.5e-4, "lag": 3e-3, "sure": True, "stderr": 1e-5}
 
 
 @pytest.mark.parametrize(("alarms", "warned"), [(0, False), (1, False), (2, True)])

@@ -443,7 +443,8 @@ def test_compare_sees_no_structure_in_what_sampling_does(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("late", "stderr", "said"), [
-    (-4.94e-4, 0.0, "is 0.494 ms earlier"), (-4.94e-4, 1e-4, "is 0.49 ± 0.10 ms earlier"), (3e-4, 2e-4, None), (5e-6, 0.0, None),
+    (-4.94e-4, 0.0, "is 0.494 ms earlier"), (-4.94e-4, 1e-4, "is 0.49 ± 0.10 ms earlier"), (3e-4, 2e-4, None),
+    (5e-6, 0.0, None),
 ])  # fmt: skip
 def test_sampling_is_said_with_its_error(late: float, stderr: float, said: str | None) -> None:
     """Half a millisecond stood there with three digits, of a log in which nothing was late."""
