@@ -62,7 +62,7 @@ from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.together import standing, together
 from pmsm_ctrl.diagnose.unexplained import unexplained
 from pmsm_ctrl.diagnose.verdict import explains_most, explains_most_beside_noise
-from pmsm_ctrl.diagnose.written import as_written, lowering
+from pmsm_ctrl.diagnose.written import as_written, astray, lowering
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError
@@ -256,7 +256,9 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
     selection = lowering(case, with_sampling_told(case, selection))
     selection = finally_fitted(case, selection.with_last_candidates())
     structure = None
-    if same or _explains_most(case, selection):
+    if not selection.steps and astray(case, selection.fit):
+        pass  # what its own parameters make is no structure of the axis
+    elif same or _explains_most(case, selection):
         structure = unexplained(selection, case.policy)
     else:  # what most of the torque is, no name can tell
         selection = Selection((case.fit(()),), (), selection.refused)

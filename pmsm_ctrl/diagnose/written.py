@@ -11,6 +11,7 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.outcome import errors_table
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
@@ -23,7 +24,7 @@ from pmsm_ctrl.regression.record_result import RecordResult
 from pmsm_ctrl.regression.records import members
 from pmsm_ctrl.regression.worse_than_given import worse_by_error
 
-__all__ = ["as_written", "lowering"]
+__all__ = ["as_written", "astray", "lowering"]
 
 
 def lowering(case: Case, selection: Selection) -> Selection:
@@ -31,6 +32,7 @@ def lowering(case: Case, selection: Selection) -> Selection:
 
     A fit weighs the samples, and has times of sampling of its own: what it gains by them is no gain of the design.
     Where most of what is left is noise, they decide which of two designs leaves less of it, and nothing is told.
+    Beside a fit that is astray an effect may only lead it back.
 
     Parameters
     ----------
@@ -41,11 +43,37 @@ def lowering(case: Case, selection: Selection) -> Selection:
         return selection
     designs = [fitted_design(case.design, fit) for fit in selection.fits]
     left, kept = [rms for rms, _ in _as_compared(case, designs)], len(selection.steps)
+    if astray(case, selection.fits[0]):
+        return _without(case, selection, 0, Refusal(Reason.REFIT_WORSE))
     while kept and left[kept] > case.policy.unchanged * left[kept - 1]:
         kept -= 1
     if kept == len(selection.steps):
         return selection
-    why = Refusal(Reason.BALANCE_WORSE, {"balance": "torque"})
+    return _without(case, selection, kept, Refusal(Reason.BALANCE_WORSE, {"balance": "torque"}))
+
+
+def astray(case: Case, fit: Fitted) -> bool:
+    """Return whether most of what the refitted design leaves of the torque is not left by the given one.
+
+    The fit follows the samples that count. Where these are few, of a log that misses most of the edges, the parameters
+    are those of the samples' errors.
+
+    Parameters
+    ----------
+    case : Case
+    fit : Fitted
+        Without any effect.
+    """
+    if case.believed is None:
+        return False
+    given, refitted = (
+        predict(one, case.record).torque_error[0] for one in (case.as_given, fitted_design(case.design, fit))
+    )
+    return given**2 < case.policy.explained_torque * refitted**2
+
+
+def _without(case: Case, selection: Selection, kept: int, why: Refusal) -> Selection:
+    """Return the selection with its first effects alone."""
     refused = {**selection.refused, **{name_of(step.trial): why for step in selection.steps[kept:]}}
     last = case.fit(selection.fits[kept].accepted)
     return Selection((*selection.fits[:kept], last), selection.steps[:kept], refused)
@@ -80,7 +108,11 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
     if worse is None:
         return replace(found, design=with_evaluation(found.design, record, case.believed.log))
     warned = dict.fromkeys((*found.reasons, worse, *found.notices))
-    return replace(found, design=case.as_given, improved=False, notices=tuple(warned))
+    unsure = tuple(
+        replace(one, flagged=False, note="not sure: the given design leaves less of the torque") if one.flagged else one
+        for one in found.parameter_deviations
+    )
+    return replace(found, design=case.as_given, improved=False, notices=tuple(warned), parameter_deviations=unsure)
 
 
 def _as_compared(case: Case, designs: Sequence[Design]) -> list[tuple[float, float]]:

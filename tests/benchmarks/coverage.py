@@ -4,7 +4,7 @@ r"""How often the 95 % intervals that `add` writes hold the truth: every paramet
     python -m tests.benchmarks.coverage --logs 200                                         the table of the page, hours
 
 Each log is the reference drive simulated with one effect, its example values varied by up to 20 %, and with noise of
-its own; of an effect with a period, a linear axis in closed form. The effect is added to the design without it, and the
+its own; of a detent force, a linear axis in closed form. The effect is added to the design without it, and the
 estimates and their standard errors are held against what was simulated. An estimate without a standard error, at its
 bound or never fitted, makes no interval; those are counted beside. Shares come with their 95 % interval (Clopper and
 Pearson).
@@ -35,6 +35,7 @@ DESIGNS = Path(__file__).resolve().parents[2] / "designs"
 HALF_WIDTH = 1.959964
 VARIED = 0.2
 WHOLE = ("coulomb", "viscous")  # the design has them already
+ALONG_A_LINE = "detent_force"  # of a linear axis
 LEFT = ("delay",)  # the time of sampling is a nuisance of the same column
 
 
@@ -45,7 +46,7 @@ def scores(effect_id: str, seed: int, scenario: str, polish: bool = False) -> di
     """
     effect = CATALOGUE[effect_id]
     rng = np.random.default_rng([seed, *effect_id.encode()])
-    if effect.period:
+    if effect_id == ALONG_A_LINE:
         return _along_a_line(effect, seed, rng, polish)
     design = Design.read(DESIGNS / "hand_tuned.toml")
     truth = {}

@@ -7,13 +7,15 @@ from typing import Any
 
 import pytest
 
-from pmsm_ctrl.diagnose import written
+from pmsm_ctrl.diagnose import diagnose, written
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.selection import Selection
+from tests.benchmarks.worlds.hidden import simulate_world
+from tests.benchmarks.worlds.world import draw
 
 
-def found(monkeypatch: pytest.MonkeyPatch, *left: float) -> Selection:
+def found(monkeypatch: pytest.MonkeyPatch, *left: float, astray: bool = False) -> Selection:
     """Return what is left of a selection whose designs have these errors."""
     names = "abc"[: len(left) - 1]
     fits: Any = tuple(SimpleNamespace(accepted=tuple(names[:k])) for k in range(len(left)))
@@ -24,6 +26,7 @@ def found(monkeypatch: pytest.MonkeyPatch, *left: float) -> Selection:
     monkeypatch.setattr(written, "fitted_design", lambda _, fit: fit)
     monkeypatch.setattr(written, "_as_compared", lambda *_: [(error, 1.0) for error in left])
     monkeypatch.setattr(written, "name_of", lambda trial: trial)
+    monkeypatch.setattr(written, "astray", lambda *_: astray)
     return written.lowering(case, Selection(fits, steps))
 
 
@@ -70,3 +73,29 @@ def test_a_sampling_that_smooths_noise_is_no_gain_of_a_design(
     monkeypatch.setattr(written, "predict", predicted)
     designs: Any = ["without", "with"]
     assert [rms for rms, _ in written._as_compared(case, designs)] == ladder
+
+
+def test_nothing_that_is_accepted_beside_a_fit_that_is_astray_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    left = found(monkeypatch, 0.68, 0.125, 0.12, astray=True)
+    assert left.steps == ()
+    assert {name: why.reason for name, why in left.refused.items()} == dict.fromkeys("ab", Reason.REFIT_WORSE)
+
+
+@pytest.mark.parametrize(("given", "refitted", "said"), [(0.136, 0.68, True), (0.1, 0.142, True), (0.1, 0.141, False)])
+def test_a_fit_is_astray_that_leaves_twice_the_mean_square_of_the_given_design(
+    monkeypatch: pytest.MonkeyPatch, given: float, refitted: float, said: bool
+) -> None:
+    monkeypatch.setattr(written, "fitted_design", lambda *_: "refitted")
+    errors = {"given": given, "refitted": refitted}
+    monkeypatch.setattr(written, "predict", lambda design, record: SimpleNamespace(torque_error=(errors[design], 0.0)))
+    case: Any = SimpleNamespace(believed=object(), policy=POLICY, as_given="given", design=None, record=None)
+    assert written.astray(case, None) is said  # type: ignore[arg-type]
+
+
+def test_an_effect_that_leads_a_fit_back_that_is_astray_has_no_name() -> None:
+    """Steps of the speed in a slow log: J was a quarter of it, and a saturation brought 68 % of error back to 13 %."""
+    world = draw(19330129)
+    found = diagnose(world.design, simulate_world(world), plan=False)
+    assert (found.verdict, found.steps, found.improved) == ("inconclusive", (), False)
+    assert not any(one.flagged for one in found.parameter_deviations)
+    assert next(row.refusal.reason for row in found.ranking if row.effect == "torque_saturation") == "refit_worse"
