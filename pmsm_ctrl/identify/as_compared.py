@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.evaluated import record_as_evaluated
 from pmsm_ctrl.regression.prediction import predict
 from pmsm_ctrl.regression.record_result import RecordResult
 
@@ -30,19 +31,22 @@ def sizes(residual: Array, torque: Array) -> dict[str, float]:
 
 
 def as_compared(
-    found: Design, record: Record, rows: tuple[RecordResult, ...]
+    found: Design, log: Log, rows: tuple[RecordResult, ...]
 ) -> tuple[dict[str, float], tuple[RecordResult, ...]]:  # fmt: skip
-    """Return the torque error of a design on a record, and the rows of several records with theirs.
+    """Return the torque error of a design on a log, and the rows of several records with theirs.
+
+    The log is conditioned again: how it was sampled and what weighs little in it follows from a design, and the terms
+    of a command, which widen the standard errors of a fit, would make its error smaller.
 
     Parameters
     ----------
     found : Design
-    record : Record
-        Of all records.
+    log : Log
+        All records.
     rows : tuple of RecordResult
         In the order of the records; none for a log that is one record.
     """
-    prediction = predict(found, record)
+    prediction = predict(found, record_as_evaluated(found, log))
     record, left = prediction.record, prediction.residual[0]
     out = []
     for row, span in zip(rows, record.records, strict=False):

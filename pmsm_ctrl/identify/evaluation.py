@@ -91,7 +91,7 @@ def as_diagnosed(design: Design, log: Log) -> Evaluation:
     known = with_joint_errors(base.fit, several.stderr)
     fit, folded = with_folded_errors(design, several.log, base, base.problem, known)
     found, far, near = identified(design, base.problem, fit)
-    size, rows = as_compared(found, base.timed, several.rows)
+    size, rows = as_compared(found, log, several.rows)
     return Evaluation(
         Solution(base.problem, fit), several, base.record, found, far, near, folded, base.problem, fit.residual,
         worse_than_given(design, found, base.record), size, rows, base.sampling,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.identify import policy
+from pmsm_ctrl.identify.noise_free import by_narrow_band
 from pmsm_ctrl.identify.notices import NOT_CONVERGED
 from pmsm_ctrl.identify.open_loop import OpenLoop, open_loop
 from pmsm_ctrl.identify.profile import Optimum
@@ -21,7 +22,7 @@ from pmsm_ctrl.regression.inverse_dynamics import Problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
 from pmsm_ctrl.section import Notice
 
-__all__ = ["by_open_loop", "fitted", "profiled", "solved"]
+__all__ = ["by_open_loop", "fitted", "profiled", "solved", "without_noise"]
 
 Array = NDArray[np.float64]
 
@@ -75,8 +76,9 @@ def by_open_loop(
     sigma = dict(zip((LATENESS, SPREAD), sampling.sigma, strict=True))
     given, start = designs
     loop = open_loop(start, DriveTiming(sampling.late).undone(log), sigma, ordinary.stderr.get("J", np.nan))
-    values, converged = fitted(loop, {name: e for name, e in ordinary.stderr.items() if np.isfinite(e)}, each=each)
-    problem, fit = solved(loop, values)
+    prior = {name: e for name, e in ordinary.stderr.items() if np.isfinite(e)}
+    values, converged = fitted(loop, prior, each=each)
+    problem, fit = without_noise(loop, prior, values, each)
     known = [{"J": given.J}, *(values for _, values in bound_effects(given))]
     columns = tuple(replace(c, nominal=known[c.entry + 1].get(c.symbol, c.nominal)) for c in problem.columns)
     problem = replace(problem, columns=columns)
@@ -94,8 +96,38 @@ def solved(loop: OpenLoop, values: Array) -> tuple[Problem, Fit]:
     """
     problem = loop.problem(values)
     fit = solve(problem, problem.matrix(), ratio=policy.LEAST_ACCELERATION)  # columns without noise are their own
+    return problem, _with_values(loop, problem, fit, values)
+
+
+def without_noise(
+    loop: OpenLoop, prior: Mapping[str, float], values: Array, each: Callable[[], None] = lambda: None
+) -> tuple[Problem, Fit]:  # fmt: skip
+    """Return the problem and the fit with the inertia and the sampling by instruments, where they are not held.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+    prior : dict of column name to float
+        As in `fitted`.
+    values : array, shape (columns,)
+        With the smallest sum of squares.
+    each : function
+        Called in every round.
+    """
+
+    def again(held: OpenLoop, begin: Array) -> Array:
+        return _descent(held, prior, begin, policy.FIT_ROUNDS, each)[0]
+
+    made = by_narrow_band(loop, values, again)
+    if made is None:
+        return solved(loop, values)
+    values, problem, fit = made
+    return problem, _with_values(loop, problem, fit, values)
+
+
+def _with_values(loop: OpenLoop, problem: Problem, fit: Fit, values: Array) -> Fit:
     own = dict(zip(problem.names, values.tolist(), strict=True))
-    return problem, replace(fit, values={name: own[name] for name in fit.values}, residual=loop.left(values))
+    return replace(fit, values={name: own[name] for name in fit.values}, residual=loop.left(values))
 
 
 def _starts(loop: OpenLoop) -> Sequence[Array]:

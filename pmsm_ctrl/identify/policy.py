@@ -79,6 +79,17 @@ PRIOR = 3.0
 # Most starts beside the regression's, and the evaluations that each gets before the best is followed to its end.
 STARTS, TRIAL_ROUNDS = 6, 5
 
+# Bands of the instruments that are tried, Hz: a narrow one holds little noise, and of a fast motion little as well.
+INSTRUMENT_BANDS = (1.25, 2.5, 5.0, 10.0, 20.0, 40.0, 80.0)
+# Band of those of the sampling at most, Hz: noise of the torque's curvature grows with the square of the frequency.
+SAMPLING_BAND = 20.0
+# Standard error of an inertia in a narrow band, over the smallest one, up to which the narrow band is taken.
+NARROWER = 1.1
+# Fits by instruments, each followed by one of the other columns: the second moves nothing by a tenth of its error.
+INSTRUMENT_ROUNDS = 2
+# Bandwidth for noise of a second difference, which is a mean with triangular weights, over the rate of the differences.
+TRIANGLE = 1.0 / 3.0
+
 # -- speed sweep -------------------------------------------------------------------------------------------------
 
 # Least samples of a plateau: fewer leave nothing to average after settling.

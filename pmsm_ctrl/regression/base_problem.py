@@ -47,14 +47,11 @@ class Based:
         Not weighted.
     fit : Fit
         By the weights of the record; its residual is not weighted.
-    timed : Record
-        The record as it was conditioned, before the base model was settled on it.
     """
 
     record: Record
     problem: Problem
     fit: Fit
-    timed: Record
 
     @property
     def sampling(self) -> Sampling:
@@ -105,7 +102,7 @@ def _based(design: Design, log: Log, timed: Record) -> Based:
         problem = replace(problem, inertia_cutoff=weighted.inertia_cutoff)
     fit = solve(weighted, by_blocks=True)
     fit = replace(fit, residual=problem.target - problem.matrix() @ fit.coefficients)
-    return Based(found.record, problem, fit, replace(timed, memo={}, kept={}))
+    return Based(found.record, problem, fit)
 
 
 def _problem(design: Design, found: Settled) -> Problem:

@@ -156,6 +156,19 @@ def test_identify_and_compare_print_one_number_of_one_design_on_one_log() -> Non
     assert f"; {drive} error {100 * written.relative:.2f} %." in result.summary(width=1000)
 
 
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+@pytest.mark.parametrize("off", [0.7, 1.3])
+def test_of_a_drive_whose_windings_are_known_both_print_one_number_too(designs: Path, seed: int, off: float) -> None:
+    """The terms of a command widen the standard errors of the fit, and made its error smaller than that of compare."""
+    true = Design.read(designs / "seed_motor.toml")
+    log = simulate(true, scenario("triangle", true, speed=150.0, period=2.0), seed=seed)
+    believed = true.with_parameters(J=off * true.J).with_effect("coulomb", {"F_c": off * 0.0213})
+    result = identify(believed, log)
+    written = compare(result.design, log).log.errors["torque"]
+    assert result.relative_error == pytest.approx(written.relative, rel=1e-5)
+    assert result.rms == pytest.approx(written.rms, rel=1e-5)
+
+
 def test_an_own_effect_takes_part() -> None:
     @kernel
     def term(omega: float, k: float) -> float:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose, polish
@@ -14,6 +15,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.identify.open_loop import open_loop
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.simulate import scenario, simulate
 from tests.effort import seeds
 
@@ -109,6 +111,35 @@ def test_noise_of_the_torque_sets_the_standard_error(design: Design) -> None:
             assert 0.85 * least < estimate.stderr < 1.5 * least
             scores.append((estimate.value - true) / estimate.stderr)
     assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.45)
+
+
+def moved_by_noise(seed: int, rms: float) -> Log:
+    """A log of an axis that noise of its current sensor turns against the logged torque, above a loop of 25 Hz."""
+    rng, period = np.random.default_rng([seed, 91]), 1e-3
+    t = period * np.arange(12000)
+    levels = np.repeat(rng.uniform(20.0, 60.0, 16), 750)
+    alpha = low_pass(np.gradient(low_pass(levels, 1e3, 5.0)) / period, 1e3, 20.0)
+    noise = rms * rng.standard_normal(len(t))
+    moved = alpha - lfilter(*butter(1, 25.0, "high", fs=1e3), noise) / TRUE["J"]
+    omega = levels[0] + period * np.cumsum(moved)
+    theta = period * (np.cumsum(omega) - 0.5 * omega)
+    torque = TRUE["J"] * moved + TRUE["F_c"] + TRUE["F_v"] * omega
+    return Log({"t": t, "theta": theta, "torque": torque + noise})
+
+
+@pytest.mark.parametrize("seed", seeds(10, 30, 50))
+@pytest.mark.parametrize("count", [1, 2])
+def test_noise_that_moves_the_axis_does_not_bias_the_inertia(seed: int, count: int) -> None:
+    """Of one log and of several: least squares is off by many standard errors, always to the same side."""
+    axis = Design.from_dict({"name": "made", "motor": {"J": 1.1e-4, "K_t": 1.0}})
+    axis = axis.with_effect("coulomb", {"F_c": 0.025}).with_effect("viscous", {"F_v": 1e-4})
+    scores = []
+    for first in range(seed, seed + 4 * count, count):
+        logs = [moved_by_noise(number, 3e-3) for number in range(first, first + count)]
+        found = identify(axis, logs, method="output_error").estimates["J"]
+        scores.append((found.value - TRUE["J"]) / found.stderr)
+    assert abs(np.mean(scores)) < 1.5, scores
+    assert np.sqrt(np.mean(np.square(scores))) < 2.0, scores
 
 
 NOISY_DRIVE = pytest.mark.xfail(
