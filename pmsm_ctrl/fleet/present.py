@@ -80,8 +80,9 @@ def verdict_of(report: FleetReport) -> str:
     elif tested < len(report.axes):
         changing += f" of the {tested} with the {FEWEST_RECORDS} records that the test takes"
     return (
-        f"{len(report.axes)} axes: {len(report.missing)} lack an effect, {consistent} are consistent with the effects "
-        f"of their design, {changing}; at most {percent(FALSE_DISCOVERIES, 0)} of the named axes are expected to be false."
+        f"{len(report.axes)} axes: {len(report.missing)} lack an effect, {consistent} are consistent with the "
+        f"effects of their design, {changing}; at most {percent(FALSE_DISCOVERIES, 0)} of the named axes are expected "
+        "to be false."
     )
 
 

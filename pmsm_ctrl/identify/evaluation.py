@@ -19,6 +19,7 @@ from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.base_problem import based
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import LATENESS, SYNCHRONOUS, DriveTiming, Sampling
+from pmsm_ctrl.regression.evaluated import with_evaluation
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
 from pmsm_ctrl.regression.least_squares import Fit
 from pmsm_ctrl.regression.record_result import RecordResult
@@ -91,6 +92,8 @@ def as_diagnosed(design: Design, log: Log) -> Evaluation:
     known = with_joint_errors(base.fit, several.stderr)
     fit, folded = with_folded_errors(design, several.log, base, base.problem, known)
     found, far, near = identified(design, base.problem, fit)
+    if base.record.in_step:  # which nothing but the log that it was fitted to says of a design
+        found = with_evaluation(found, replace(timed_record(found, log), in_step=True), log)
     size, rows = as_compared(found, log, several.rows)
     return Evaluation(
         Solution(base.problem, fit), several, base.record, found, far, near, folded, base.problem, fit.residual,

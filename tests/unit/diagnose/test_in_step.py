@@ -70,7 +70,10 @@ def test_it_is_taken_for_sampling_and_friction_stays_right(seed: int) -> None:
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_identify_reads_the_log_in_the_same_way(seed: int) -> None:
     """It took F_c for 0, and the viscous friction, which no such log tells, for known."""
-    found = identify(Design.from_dict(DESIGN), cascade(seed, hold=1e-3))
+    log = cascade(seed, hold=1e-3)
+    found = identify(Design.from_dict(DESIGN), log)
+    assert found.relative_error < 0.01
+    assert compare(found.design, log).log.errors["torque"].relative == pytest.approx(found.relative_error, rel=1e-6)
     assert found.estimates["F_c"].value == pytest.approx(F_C, rel=0.02)
     assert "F_v" in found.unidentifiable
     assert "in_step" in [notice.code for notice in found.notices]
