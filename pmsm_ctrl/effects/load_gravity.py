@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from math import cos, inf, pi, sin
+from math import inf, pi
 
 from pmsm_ctrl.effects.base import Effect, Parameter
+from pmsm_ctrl.effects.detent_force import term
 from pmsm_ctrl.effects.structures import LogView, Search
-from pmsm_ctrl.kernels import kernel
 
 TRIED = 4  # periods that stand out, and are tried
 STRONGEST = 24  # of all waves, those within a turn among them, out of which they are taken
 PARTS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5)  # of a wave that the whole travel may be; four and more stand out
 SHORTEST = 1.25 * 2.0 * pi  # rad; one turn is `unbalance`
-
-
-@kernel
-def term(theta: float, a_s: float, a_c: float, period: float) -> float:
-    """a_s sin(2 pi theta / period) + a_c cos(2 pi theta / period)."""
-    return a_s * sin(2.0 * pi * theta / period) + a_c * cos(2.0 * pi * theta / period)
 
 
 def search(log: LogView) -> Search:
