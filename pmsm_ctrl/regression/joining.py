@@ -302,14 +302,15 @@ def _across(
 ) -> tuple[float, float]:  # fmt: skip
     """Return the time between two records, and the whole turns to add to the second one's angles.
 
-    Long enough that the way between them is covered no faster than the axis usually moves.
+    Long enough that the way between them is covered no faster than the axis usually moves. Turns are added only where
+    that takes longer than the second record: behind a gear the load does not repeat with them.
     """
     leaving = end_speeds(before["t"], before["theta"], rate)[1]
     arriving = end_speeds(part.t, part.channels["theta"], rate)[0]
     way = float(part.channels["theta"][0] - before["theta"][-1])
-    turns = 0.0
-    if motion == "rotary":
+    usual = float(np.std(np.diff(part.channels["theta"]))) * rate
+    speed, turns = max(usual, abs(leaving), abs(arriving)), 0.0
+    if motion == "rotary" and bridge_time(way, apart, speed) > float(part.t[-1]):
         turn = 2.0 * np.pi
         turns = turn * round((0.5 * apart * (leaving + arriving) - way) / turn)
-    usual = float(np.std(np.diff(part.channels["theta"]))) * rate
-    return bridge_time(way + turns, apart, max(usual, abs(leaving), abs(arriving))), turns
+    return bridge_time(way + turns, apart, speed), turns

@@ -76,3 +76,12 @@ def test_unbalance_of_the_motor_is_none_behind_a_gear(seed: int) -> None:
     log = arm(seed, 2.0, 0.0)
     log = log.with_channels(i_q=log["i_q"] + 0.06 / 0.9 * np.sin(log["theta"] + 0.4))
     assert [step.effect for step in diagnose(DESIGN, log, plan=False).steps] == ["unbalance"]
+
+
+@pytest.mark.parametrize("seed", seeds(9, 11))
+def test_two_records_keep_the_turns_between_their_positions(seed: int) -> None:
+    """The second record was shifted by whole turns of the motor, which are no turns of the load."""
+    found = diagnose(DESIGN, [arm(seed, 6.0, 0.15), arm(seed + 1, 6.0, 0.15)], plan=False)
+    (step,) = found.steps
+    assert step.effect == "load_gravity"
+    assert step.parameters["period"].value / (2.0 * np.pi) == pytest.approx(RATIO, rel=1e-3)
