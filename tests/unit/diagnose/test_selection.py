@@ -279,7 +279,7 @@ def test_minor_effects_are_selected_where_one_was_refused_as_minor(
     for name, made in {
         "_select": select, "_answered": answered, "significant": lambda *a: {"a"},
         "explains_most": lambda *a: True, "in_narrower_bands": lambda *a: (), "in_bands_of_springs": lambda *a: (),
-        "together": lambda case, found: found,
+        "together": lambda case, found: found, "sampled_in_step": lambda *a: None,
     }.items():  # fmt: skip
         monkeypatch.setattr(algorithm, name, made)
     case, found = searched(Case(None, None, {}), False, lambda share: None)  # type: ignore[arg-type]
