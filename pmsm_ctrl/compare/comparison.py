@@ -57,7 +57,7 @@ class ChannelError:
         norm(measured - predicted) / norm(measured); of a position, of the distance travelled in a window.
     unit : str
     floor : float
-        What the noise alone would make of the rms; NaN where it is not known.
+        What the noise alone would make of the rms, and no more than that; NaN where it is not known.
     """
 
     rms: float
@@ -79,14 +79,14 @@ class ChannelError:
             Rms that noise alone makes.
         """
         residual = measured - predicted
-        size = float(np.linalg.norm(measured))
+        size, rms = float(np.linalg.norm(measured)), float(np.sqrt(np.mean(residual**2)))
         return cls(
-            rms=float(np.sqrt(np.mean(residual**2))),
+            rms=rms,
             worst=float(np.max(np.abs(residual))),
             mean=float(np.mean(residual)),
             relative=float(np.linalg.norm(residual)) / size if size > 0 else float("nan"),
             unit=unit,
-            floor=floor,
+            floor=float(np.minimum(floor, rms)),
         )
 
 

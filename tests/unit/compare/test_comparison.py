@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.compare import compare
+from pmsm_ctrl.compare.comparison import ChannelError
 from pmsm_ctrl.compare.figures import outline
 from pmsm_ctrl.compare.free_run import free_run
 from pmsm_ctrl.compare.motion import Kind, motion_of
@@ -249,3 +250,10 @@ def test_emps_by_simulation_on_both_records(measured, designs: Path) -> None:
     better = better.with_effect("coulomb", {"F_c": 20.385}).with_effect("constant_load", {"T_0": 0.5 * (20.14 - 20.63)})
     assert compare(better, logs[0]).log.simulated[0].errors["omega"].rms < 0.9 * speed.rms
     assert result.holdout is not None
+
+
+@pytest.mark.parametrize(("floor", "said"), [(0.5, 0.5), (3.0, 1.0), (float("nan"), float("nan"))])
+def test_a_noise_floor_is_no_more_than_the_error(floor: float, said: float) -> None:
+    """What noise makes of a free run is worked out without friction: it was above the error."""
+    found = ChannelError.of(np.array([1.0, -1.0]), np.zeros(2), "rad/s", floor)
+    assert found.floor == pytest.approx(said, nan_ok=True)
