@@ -8,7 +8,7 @@ stand out from the residual of the base model are matched.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from pmsm_ctrl.regression.position_waves import (
     Basis,
     Source,
     along_a_line,
+    behind_a_gear,
     explained_by,
     of_a_turn,
     products,
@@ -113,39 +114,59 @@ def with_zero_of(other: Source, like: Source) -> Record:
 
 
 def _shifts(sources: Sequence[Source], first: int | None = None) -> tuple[tuple[float, float], ...]:
-    """Return what has to be added to the position of every part of these, and its standard error, rad (m)."""
+    """Return what has to be added to the position of every part of these, and its standard error, rad (m).
+
+    Waves of a turn tell a zero to within a turn, those of a load behind a gear tell how many turns there are.
+    """
     if not all("theta" in one.record.signals for one in sources):
         return ()
-    linear, found = sources[0].record.linear, None
+    if sources[0].record.linear:
+        return _shifts_by(sources, along_a_line, first)
+    within = _shifts_by(sources, None, first)
+    turns = _shifts_by(sources, behind_a_gear, first)
+    if not any(shift for shift, _ in turns):
+        return within
+    if not any(shift for shift, _ in within):
+        return turns
+    turn = 2.0 * np.pi
+    far = [turn * round((whole - part) / turn) for (whole, _), (part, _) in zip(turns, within, strict=True)]
+    return tuple((part + more, stderr) for (part, stderr), more in zip(within, far, strict=True))
+
+
+def _shifts_by(
+    sources: Sequence[Source], waves: Callable[[Sequence[Source]], tuple[Basis, int]] | None, first: int | None
+) -> tuple[tuple[float, float], ...]:
+    """Return the same by some waves over the position, whose periods are found as well; by those of a turn if None."""
+    found = None
     for _ in range(ROUNDS):  # a wave hides beside a larger one
         left = sources if found is None else [one.beside_waves(found, kept=False) for one in sources]
-        more = standing_out(left, *(along_a_line(left) if linear else of_a_turn()))
+        more = standing_out(left, *(of_a_turn() if waves is None else waves(left)))
         if more is None:
             break
         found = more if found is None else found.with_more(more)
     if found is None:
         return ()
     quiet = [one.beside_waves(found) for one in sources]
-    if linear:
+    if waves is not None:
         alike, apart = (refined(quiet, found, common=common) for common in (True, False))
         different = 2 * len(found.numbers) * (sum(len(one.parts) for one in sources) - 1)
         if tail(apart[1] - alike[1], different) > SURE:
             return ()  # one zero, with periods a little longer or shorter
         found = apart[0]
     information, along = products(quiet, found)
-    places = [one.ends(here) if linear else (0.0, 0.0) for one in sources for here in one.parts]
-    return tuple(_matched(_Waves(found.numbers, _common(found.numbers, linear), information, along, places), first))
+    free = waves is not None
+    places = [one.ends(here) if free else (0.0, 0.0) for one in sources for here in one.parts]
+    return tuple(_matched(_Waves(found.numbers, _common(found.numbers), information, along, places), first))
 
 
-def _common(numbers: Array, linear: bool) -> float:
-    """Return the way after which waves repeat together, rad (m); of a linear axis as nearly as their periods are known.
+def _common(numbers: Array) -> float:
+    """Return the way after which waves repeat together, rad (m); as nearly as their periods are known.
 
     Parameters
     ----------
     numbers : array, shape (n,)
-    linear : bool
     """
-    if not linear:
+    if np.all(numbers == np.rint(numbers)):  # orders of a turn
         return 2.0 * np.pi / max(float(np.gcd.reduce(np.rint(numbers).astype(np.int64))), 1.0)
     longest = 2.0 * np.pi / float(numbers.min())
     for times in range(1, MOST_TIMES + 1):
@@ -176,7 +197,7 @@ def zero_of_known(source: Source, known: Mapping[float, tuple[float, float]]) ->
     ((rows, left, way),) = source.pieces(Basis(numbers, np.zeros(len(numbers), dtype=bool)))
     if way * numbers[0] < PERIODS * 2.0 * np.pi:
         return None
-    common = _common(numbers, source.record.linear)
+    common = _common(numbers)
     waves = _Waves(numbers, common, (rows @ rows.T)[None], (rows @ left)[None], [(0.0, 0.0)])
     size = np.ravel([known[number] for number in numbers.tolist()])
 

@@ -24,6 +24,7 @@ __all__ = [
     "Basis",
     "Source",
     "along_a_line",
+    "behind_a_gear",
     "explained_by",
     "of_a_turn",
     "products",
@@ -34,6 +35,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+SLOWEST_TURN = 0.8  # radians of a load behind a gear in a radian of the motor, at most
 HIGHEST, KEPT = 96, 6  # orders of a turn that are looked for, and how many waves are kept at most
 PERIODS = 3.0  # of a wave that a record must hold
 SURE = 0.01  # significance of a wave, over all that is looked for
@@ -238,8 +240,8 @@ def of_a_turn() -> tuple[Basis, int]:
     return Basis.of_both(np.arange(1.0, HIGHEST + 1.0)), 2 * HIGHEST
 
 
-def along_a_line(sources: Sequence[Source]) -> tuple[Basis, int]:
-    """Return the waves along a linear axis that are the strongest, and of how many possible ones.
+def behind_a_gear(sources: Sequence[Source]) -> tuple[Basis, int]:
+    """Return the strongest waves of more than a turn, and of how many possible ones.
 
     Parameters
     ----------
@@ -249,15 +251,31 @@ def along_a_line(sources: Sequence[Source]) -> tuple[Basis, int]:
     -------
     (Basis, int)
     """
-    parts, highest = [], 0.0
+    return along_a_line(sources, SLOWEST_TURN)
+
+
+def along_a_line(sources: Sequence[Source], highest: float = np.inf) -> tuple[Basis, int]:
+    """Return the waves along an axis that are the strongest, and of how many possible ones.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+    highest : float
+        Radians in a radian of the axis (a metre) that a wave may have.
+
+    Returns
+    -------
+    (Basis, int)
+    """
+    parts, passed = [], 0.0
     for one in sources:
         record = one.record
         used = record.weight[0] * record.mask > 0.0
         theta, omega = (record.at_grid(record.signals[name]) for name in ("theta", "omega"))
         weighted = one.residual * record.weight[0] ** 2
         parts += [(weighted[here & used], theta[here & used]) for here in one.parts]
-        highest = max(highest, highest_over_position(theta[used], omega[used], record.cutoff))
-    periods, possible = strongest_periods(parts, highest, KEPT)
+        passed = max(passed, highest_over_position(theta[used], omega[used], record.cutoff))
+    periods, possible = strongest_periods(parts, min(passed, highest / (2.0 * np.pi)), KEPT)
     return Basis(2.0 * np.pi / periods, np.zeros(len(periods), dtype=bool)), possible
 
 

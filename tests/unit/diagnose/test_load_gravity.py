@@ -78,10 +78,13 @@ def test_unbalance_of_the_motor_is_none_behind_a_gear(seed: int) -> None:
     assert [step.effect for step in diagnose(DESIGN, log, plan=False).steps] == ["unbalance"]
 
 
+@pytest.mark.parametrize("zero", [0.0, 50.0])
 @pytest.mark.parametrize("seed", seeds(9, 11))
-def test_two_records_keep_the_turns_between_their_positions(seed: int) -> None:
+def test_two_records_keep_the_turns_between_their_positions(seed: int, zero: float) -> None:
     """The second record was shifted by whole turns of the motor, which are no turns of the load."""
-    found = diagnose(DESIGN, [arm(seed, 6.0, 0.15), arm(seed + 1, 6.0, 0.15)], plan=False)
+    other = arm(seed + 1, 6.0, 0.15)
+    found = diagnose(DESIGN, [arm(seed, 6.0, 0.15), other.with_channels(theta=other["theta"] + zero)], plan=False)
     (step,) = found.steps
     assert step.effect == "load_gravity"
+    assert ("other_zero" in {notice.code for notice in found.notices}) == (zero != 0.0)
     assert step.parameters["period"].value / (2.0 * np.pi) == pytest.approx(RATIO, rel=1e-3)
