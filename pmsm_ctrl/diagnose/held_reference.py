@@ -13,6 +13,7 @@ from pmsm_ctrl.regression.timed_record import FRICTION
 
 __all__ = ["inertia_doubted", "negative_friction", "shows_in_inertia"]
 
+SHORTEST_MECHANICAL = 0.5e-3  # s: mechanical time constant of a servo motor without a load
 USUAL_LOOP = 2.0 * math.pi * 500.0  # rad/s: bandwidth of a current loop that the design does not state
 
 
@@ -55,14 +56,15 @@ def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -
 def _behind(design: Design) -> float:
     """Return the inertia, kg m^2 (kg), by which the command of a current loop without a term of the back-emf is off.
 
-    A loop that the design does not state cancels the pole of the winding.
+    A loop that the design does not state cancels the pole of the winding. Of a winding that it does not state either
+    the mechanical time constant is taken to be as short as that of a motor without a load can be: 1.5 R J / K_t^2.
     """
     if design.loops is not None:
         integral = design.loops.current.K_p / design.loops.current.T_n
     elif design.motor.R is not None:
         integral = design.motor.R * USUAL_LOOP
     else:
-        return 0.0
+        return design.J / (SHORTEST_MECHANICAL * USUAL_LOOP)
     return design.K_t_assumed**2 / (1.5 * integral)
 
 

@@ -50,6 +50,15 @@ def test_an_inertia_is_doubted_as_far_as_a_command_that_the_back_emf_lowers_expl
     assert inertia_doubted(fit(at, stated=True, design=design), off, 0.1, POLICY) == ""
 
 
+@pytest.mark.parametrize(("off", "doubted"), [(0.45, True), (0.70, True), (0.80, False), (-0.40, False)])
+def test_of_a_winding_that_is_not_stated_the_worst_is_assumed(off: float, doubted: bool) -> None:
+    """A command of a motor of 0.58 ms in a loop of 540 Hz: J was 54 % too large, and flagged. Here 10 + 64 % may be."""
+    bare = Design.from_dict({"name": "axis", "motor": {"J": J, "K_t": K_T}})
+    said = inertia_doubted(fit(4000.0, design=bare), off, 0.1, POLICY)
+    assert ("back-emf" in said) == doubted
+    assert inertia_doubted(fit(4000.0, stated=True, design=bare), off, 0.1, POLICY) == ""
+
+
 @pytest.mark.parametrize(("value", "stated", "shown"), [
     (0.82, False, True), (1.0, False, False), (0.905, False, False), (0.5, False, False), (0.82, True, False),
 ])  # fmt: skip
