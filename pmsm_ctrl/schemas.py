@@ -173,6 +173,23 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
          "duration": NUMBER, "channels": _by_name({"type": "object"}), **DOUBTS},
         {},
     ),
+    "import-proposal": (
+        "proposal",
+        {"file": TEXT, "format": TEXT, "complete": FLAG, "missing": TEXTS,
+         "channels": _by_name(_record({"column": TEXT, "mapping": TEXT, "reasons": TEXTS})), "unused": _by_name(TEXT),
+         "log_table": TEXT, **DOUBTS},
+        {},
+    ),
+    "fleet-report": (
+        "fleet_report",
+        {"results": TEXT,
+         "axes": _list(_record({"axis": TEXT, "type": TEXT, "records": COUNT, "answered": COUNT,
+                                "verdicts": {"type": "object"}, "missing": FLAG, "consistent": FLAG,
+                                "p_value": NUMBER, "q_value": NUMBER, "findings": _list({"type": "object"})})),
+         "changes": _list({"type": "object"}), "judged": {}, "unlike": _list({"type": "object"}),
+         "worthless": _list({"type": "object"}), **DOUBTS},
+        {},
+    ),
     "effects": ("effects", {}, {"effects": _list(_record(EFFECT)), **EFFECT}),
     "sweep": (
         "sweep",
