@@ -19,6 +19,9 @@ from pmsm_ctrl.console import (
     NEGATIVE,
     command_line,
     finish,
+    keep_verdict,
+    kept_mapping,
+    parse_map,
     parse_values,
     progress_bar,
     run,
@@ -332,6 +335,7 @@ def import_log(
 ) -> None:
     """Show how a log file is read, or propose how. Ends with the [log] table that reads it again."""
     from pmsm_ctrl.files import require_distinct, require_new, write_text
+    from pmsm_ctrl.importers.confirmation import unconfirmed
 
     beside = output.with_name(f"{output.stem}.log.toml") if output is not None else None
     if beside is not None:
@@ -339,6 +343,9 @@ def import_log(
         require_new(() if force else [beside])
     result = confirmed_import(file, design, mapping, yes=yes, json_file=json_file, rate=rate)
     finish("import", result, json_file=json_file, whole=True)
+    known = parse_map(mapping) | kept_mapping()
+    doubts = unconfirmed(result.log, design_if_given(design), known) if output is None else []
+    keep_verdict(doubts[0][1] if doubts else "")
     if output is not None and beside is not None:
         result.log.write_csv(output)
         print(printable(f"log: {output}\nits [log] table, for a design: {write_text(beside, result.table)}"))

@@ -251,6 +251,16 @@ def keep_mapping(mapping: Mapping[str, str]) -> None:
     _shown["mapping"] = dict(mapping)
 
 
+def kept_mapping() -> dict[str, str]:
+    """Return the mapping that was kept; empty where the one of the command line holds."""
+    return dict(_shown["mapping"])
+
+
+def keep_verdict(verdict: str) -> None:
+    """Keep what the command that follows depends on, where the result does not say it."""
+    _shown["verdict"] = verdict
+
+
 def say_next(verb: str, given: Mapping[str, Any], typed: Sequence[str] = ()) -> None:
     """Print the command that usually follows, where another one is known; `typed` runs this one again."""
     from pmsm_ctrl.next_steps import next_step

@@ -135,7 +135,11 @@ class Motor(SheetPart):
                 "(p may stand beside it)"
             )
         if missing and len(missing) < len(electrical):
-            raise ValueError(f"electrical data incomplete: {', '.join(missing)} missing")
+            hint = ""
+            if missing == ["psi_f"] and self.K_t is not None:
+                hint = "; beside p, R, L_d and L_q give the torque constant as K_t_peak (N m/A of the peak current) or "
+                hint += "K_t_rms, or K_e_..., from which psi_f follows"
+            raise ValueError(f"electrical data incomplete: {', '.join(missing)} missing{hint}")
         if not missing and self.K_t is not None:
             raise ValueError("K_t follows from p and psi_f; name it K_t_peak or K_t_rms to derive psi_f from it")
         return self

@@ -7,8 +7,18 @@ from collections.abc import Iterable
 from enum import Enum
 
 __all__ = [
-    "CacheWarning", "DesignError", "LogError", "MappingError", "NextCommand", "PmsmCtrlError", "RequestError",
-    "SimulationError", "UnsafeGainError", "nearest", "require_kind",
+    "CacheWarning",
+    "DesignError",
+    "LogError",
+    "MappingError",
+    "NextCommand",
+    "NotExcitedError",
+    "PmsmCtrlError",
+    "RequestError",
+    "SimulationError",
+    "UnsafeGainError",
+    "nearest",
+    "require_kind",
 ]  # fmt: skip
 
 
@@ -57,6 +67,10 @@ class LogError(PmsmCtrlError):
     """
 
     proposable = False
+
+
+class NotExcitedError(LogError):
+    """A log is sound, but its motion does not hold what was asked for."""
 
 
 class MappingError(LogError):

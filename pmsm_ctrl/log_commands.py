@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from pmsm_ctrl.console import NEGATIVE, finish, progress_bar
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.errors import NotExcitedError, RequestError
 from pmsm_ctrl.files import printable
 from pmsm_ctrl.gates import (
     ComparedOption,
@@ -260,7 +260,13 @@ def frf(
 
     axis = read_design(design, effects)
     given = measured_bode(log, axis, design, kind=response, unit=unit, yes=yes)
-    result = measure(axis, load_logs(log, axis, mapping) if given is None else given)
+    try:
+        result = measure(axis, load_logs(log, axis, mapping) if given is None else given)
+    except NotExcitedError as error:
+        if output is None:
+            raise
+        print(f"pmsm-ctrl: {printable(output)}: not written: {printable(error)}", file=sys.stderr)
+        raise typer.Exit(NEGATIVE) from error
     found = result.measured if result.trusted else None
     finish("frf", result, json_file=json_file, report=report, design=found)
     if not result.trusted and output is not None:

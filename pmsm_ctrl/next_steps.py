@@ -80,7 +80,7 @@ def next_step(
         case "sweep" | "quadrants":
             words = ("compensate", design)
         case "import":
-            words = _after_import(given)
+            words = _after_import(given, verdict)
         case "compare" | "diagnose" if verdict == "consistent":
             words = ("track", *evaluated) if _simulated(design) is False else ("compensate", design)
         case "identify" | "compare":
@@ -193,8 +193,14 @@ def _mapped(given: Mapping[str, Any]) -> list[str]:
     return [word for pair in given.get("mapping") or () for word in ("--map", pair)]
 
 
-def _after_import(given: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Return the words that compare the log as it was imported: as it was written, or by the same mapping."""
+def _after_import(given: Mapping[str, Any], doubted: str) -> tuple[Any, ...]:
+    """Return the words that compare the log as it was imported: as it was written, or by the same mapping.
+
+    `doubted` is a channel whose unit or sign has to be confirmed first: no other command reads the log before.
+    """
+    if doubted:
+        design = ("--design", given["design"]) if given.get("design") else ()
+        return ("import", given["file"], *design, *_mapped(given), "--map", f"{doubted}=COLUMN [UNIT]")
     if not given.get("design"):
         return ("init", "axis")
     log, mapped = (given["output"], []) if given.get("output") else (given["file"], _mapped(given))

@@ -125,7 +125,7 @@ def named_trial(design: Design, name: str) -> Trial:
     if name in trials:
         return trials[name]
     if name not in SCENARIOS:
-        known = (*trials, *SCENARIOS)
+        known = tuple(dict.fromkeys((*trials, *SCENARIOS)))
         raise RequestError(f"unknown scenario '{name}'{nearest(name, known)} (known: {', '.join(known)})")
     motion = scenario(name, design)
     if motion.control != "position":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
@@ -81,12 +82,18 @@ def motions_in_counts(found: Iterable[Unresolved]) -> str:
     return "; ".join(f"{one.motion}, RMS {one.rms:.2f} and largest {one.peak:.2f} encoder counts" for one in found)
 
 
+def _limit(percent: float) -> str:
+    """Return a limit with one decimal, or with the digits that were stated."""
+    short = f"{percent:+.1f}"
+    return short if math.isclose(float(short), percent, abs_tol=1e-9) else f"{percent:+.6g}"
+
+
 def sentence(verdict: Verdict) -> str:
     """Return outcome, scenario, metric, value and limit in one line."""
     w = verdict.wanted
     if w.metric.endswith("_change"):
         unit = units_of(verdict.design.motion)[w.metric.removesuffix("_change")]
-        said = f"{w.metric} = {100 * verdict.value:+.1f} %, limit {100 * w.limit:+.1f} %"
+        said = f"{w.metric} = {100 * verdict.value:+.1f} %, limit {_limit(100 * w.limit)} %"
         said += f" ({verdict.found:.4g} {unit}; without compensation {verdict.reference:.4g} {unit})"
     else:
         unit = "" if verdict.unit == "1" else f" {verdict.unit}"

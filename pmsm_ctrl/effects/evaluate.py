@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numba
@@ -12,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pmsm_ctrl.effects.signals import SIGNALS
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import OPTIONS, cache_folder, soundly_cached
 
@@ -26,6 +29,11 @@ Array = NDArray[np.float64]
 # One compiled loop per term and process. The key is the term itself, not the id: a user may change an own
 # effect and keep its name.
 _LOOPS: dict[Any, Any] = {}
+
+# Of what numba says: colours of a terminal, lines that name no cause, and how one begins that does.
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+_NO_CAUSE = ("Failed in nopython", "During:", "File ", "<source missing", "^")
+_CAUSE = re.compile(r"^\w+Error: ")
 
 
 def column(effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping[str, float]) -> Array:
@@ -234,10 +242,34 @@ def _columns_loop(
     if hasattr(loop, "py_func"):
         array = numba.types.Array(numba.types.float64, 1, "C", readonly=True)
         scalars = [numba.types.float64] * len(own)
-        loop.compile(numba.types.void(numba.float64[:, ::1], *([array] * len(signals)), *scalars))
+        with naming(effect):
+            loop.compile(numba.types.void(numba.float64[:, ::1], *([array] * len(signals)), *scalars))
         loop.disable_compile()
     compiled: Callable[..., Any] = loop
     return compiled
+
+
+@contextlib.contextmanager
+def naming(effect: Effect) -> Iterator[None]:
+    """Turn an error that numba finds in an effect's function into one line with the file, the effect and the cause.
+
+    Parameters
+    ----------
+    effect : Effect
+
+    Raises
+    ------
+    DesignError
+    """
+    try:
+        yield
+    except numba.core.errors.NumbaError as error:
+        lines = [_COLOURS.sub("", line).strip() for line in str(error).splitlines()]
+        said = [line for line in lines if line and not line.startswith(_NO_CAUSE)]
+        causes = [line for line in said if _CAUSE.match(line)] or said or [type(error).__name__]
+        code = effect.py_term.__code__
+        place = f"{Path(code.co_filename).name}: effect '{effect.id}': function '{code.co_name}'"
+        raise DesignError(f"{place} cannot be compiled: {_CAUSE.sub('', causes[-1])}") from error
 
 
 def _names(width: int, part: int, which: int) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import builtins
+import dis
 import importlib.util
 import os
 import sys
@@ -60,9 +62,24 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
             continue
         if found.setdefault(value.id, value) is not value:
             raise RequestError(f"{path}: two effects have the id '{value.id}'")
+    for effect in found.values():
+        _require_names(path, effect)
     if not found:
         raise RequestError(f"{path}: defines no effect; a module-level pmsm_ctrl.effects.Effect was expected")
     return tuple(found.values())
+
+
+def _require_names(path: str | os.PathLike[str], effect: Effect) -> None:
+    """Refuse an effect whose function reads a name that nothing defines; numba says so pages later."""
+    function = effect.py_term
+    known = {*function.__globals__, *vars(builtins)}
+    read = {
+        str(one.argval) for one in dis.get_instructions(function) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")
+    }  # fmt: skip
+    if missing := sorted(read - known):
+        raise RequestError(
+            f"{path}: effect '{effect.id}': function '{function.__name__}': name '{missing[0]}' is not defined"
+        )
 
 
 def _module_name(file: Path) -> str:

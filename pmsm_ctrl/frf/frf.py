@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import DesignError, LogError, RequestError, require_kind
+from pmsm_ctrl.errors import DesignError, NotExcitedError, RequestError, require_kind
 from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.fit import Axis, fit_axis
 from pmsm_ctrl.frf.from_bode import MeasuredBode
-from pmsm_ctrl.frf.measured import LOOPS, closed_loop, guessed_inertia, measured_axis
+from pmsm_ctrl.frf.measured import LOOPS, closed_loop, counted, guessed_inertia, measured_axis
 from pmsm_ctrl.frf.point_margins import point_margins
 from pmsm_ctrl.frf.result import Band, Curves, FrequencyResponse, Response
 from pmsm_ctrl.frf.stretches import mean_speed, stretches, without_steps
@@ -117,8 +117,8 @@ def _compared(
     response = responses["plant"]
     unknown = design.motor.J is None
     if not axis.covariance[0, 0] < policy.UNDETERMINED**2:
-        raise LogError(
-            f"{name}: the response at {len(response)} frequencies does not determine the inertia: its error is larger "
+        raise NotExcitedError(
+            f"{name}: the response at {counted(len(response))} does not determine the inertia: its error is larger "
             "than itself; excite more strongly, or over a wider range, and log the reference that is excited"
         )
     believed = design.with_parameters(J=axis.J) if unknown else design  # with the inertia found nothing else is hidden
@@ -180,32 +180,38 @@ def _measured_design(design: Design, axis: Axis) -> Design:
     return found if axis.mass is None else with_second_mass(found, axis.mass)
 
 
+def _size(band: Band) -> float:
+    """Return the modulus of a deviation's logarithm."""
+    return math.hypot(math.log(band.ratio), math.radians(band.phase))
+
+
 def _bands(response: Response, own: Complex, axis: Axis) -> tuple[Band, ...]:
     """Return the third octaves in which the design's response differs, neighbouring ones joined; the delay is left out.
 
-    The mean deviation of a third octave is tested, with the chance shared out over all of them.
+    The mean deviation of a third octave is tested, with the chance shared out over all of them. A band goes on where
+    the deviation is significant and at least half of the smallest one that begins a band: a flat one is one band.
     """
     ratio = response.value / own * np.exp(2j * math.pi * response.frequency * float(axis.values[2]))
     octave = np.floor(3.0 * np.log2(response.frequency / response.frequency[0])).astype(int)
     weight = (np.abs(response.value) / response.stderr) ** 2
     limit = float(chi2.isf(policy.DEVIATION / len(np.unique(octave)), 2))
-    bands: list[Band] = []
+    groups: list[list[Band]] = []
     last = -2
     for number, k in enumerate(np.unique(octave)):
         inside = octave == k
         share, total = weight[inside] / weight[inside].sum(), float(weight[inside].sum())
         mean = complex(np.sum(share * np.log(ratio[inside])))
-        if 2.0 * total * abs(mean) ** 2 < limit or abs(mean) < policy.SMALLEST_DEVIATION:
+        if 2.0 * total * abs(mean) ** 2 < limit or abs(mean) < 0.5 * policy.SMALLEST_DEVIATION:
             continue
         f = response.frequency[inside]
         band = Band(float(f[0]), float(f[-1]), math.exp(mean.real), math.degrees(mean.imag))
-        same = bands and last == number - 1 and (bands[-1].ratio > 1.0) == (band.ratio > 1.0)
-        if same:
-            before = bands.pop()
-            further = max((before, band), key=lambda one: abs(math.log(one.ratio)))
-            band = replace(further, low=before.low, high=band.high)
-        bands.append(band)
+        if groups and last == number - 1 and (groups[-1][-1].ratio > 1.0) == (band.ratio > 1.0):
+            groups[-1].append(band)
+        else:
+            groups.append([band])
         last = number
+    bands = [replace(max(one, key=_size), low=one[0].low, high=one[-1].high)
+             for one in groups if max(map(_size, one)) >= policy.SMALLEST_DEVIATION]  # fmt: skip
     return tuple(bands)
 
 

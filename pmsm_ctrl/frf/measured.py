@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.structures import SecondMass
-from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.errors import NotExcitedError
 from pmsm_ctrl.evidence.local_polynomial import REACH, Local, local_polynomial, strongest_lines
 from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
@@ -29,7 +29,7 @@ from pmsm_ctrl.frf.stretches import ADDED, Stretch, mean_speed, without_steps
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import drives
 
-__all__ = ["LOOPS", "closed_loop", "guessed_inertia", "lines_of", "measured_axis", "plant"]
+__all__ = ["LOOPS", "closed_loop", "counted", "guessed_inertia", "lines_of", "measured_axis", "plant"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -51,7 +51,7 @@ def measured_axis(design: Design, records: tuple[Stretch, ...]) -> tuple[Respons
 
     Raises
     ------
-    LogError
+    NotExcitedError
         When no frequency is excited.
     """
     stepped = [without_steps(design, one, 1.0 if design.motor.J is None else design.J) for one in records]
@@ -88,7 +88,7 @@ def plant(records: Sequence[Stretch], quantity: str = "torque") -> tuple[Respons
 
     Raises
     ------
-    LogError
+    NotExcitedError
         When no frequency is excited.
     """
     output = "theta" if all("theta" in one.channels for one in records) else "omega"
@@ -97,7 +97,7 @@ def plant(records: Sequence[Stretch], quantity: str = "torque") -> tuple[Respons
     response, noisy = _passive(_merged("plant", points, instrument), max(one.period for one in records))
     folded = _folded(records, instrument)
     if len(response) < policy.FEWEST_SEEN:
-        raise LogError(_not_seen(len(response), folded))
+        raise NotExcitedError(_not_seen(len(response), folded))
     found: list[Notice] = []
     if any(one.reverses for one in records):
         found.append(words.REVERSES())
@@ -129,13 +129,18 @@ def _folded(records: Sequence[Stretch], instrument: str) -> Notice | None:
     return None
 
 
+def counted(frequencies: int) -> str:
+    """Return a number of frequencies with its noun."""
+    return "1 frequency" if frequencies == 1 else f"{frequencies} frequencies"
+
+
 def _not_seen(count: int, folded: Notice | None) -> str:
     """Return why a response cannot be fitted."""
     if folded is not None:
-        return f"the speed follows the torque at {count} frequencies only: {folded}"
+        return f"the speed follows the torque at {counted(count)} only: {folded}"
     if count:
         return (
-            f"the response at {count} frequencies does not determine the inertia; excite more strongly, or over a "
+            f"the response at {counted(count)} does not determine the inertia; excite more strongly, or over a "
             "wider range, and log the reference that is excited"
         )
     return (

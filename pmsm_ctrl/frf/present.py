@@ -74,8 +74,13 @@ def _verdict(result: FrequencyResponse) -> str:
             f"The design's response agrees with the measured one: no third octave deviates significantly by "
             f"{percent(policy.SMALLEST_DEVIATION, 0)} or more, the delay left out."
         )
-    parts = " and ".join(f"{band.low:.3g} to {band.high:.4g} Hz" for band in result.bands)
-    return f"The design's response differs from {parts}."
+    parts = " and ".join(_range(band.low, band.high) for band in result.bands)
+    return f"The design's response differs {parts}."
+
+
+def _range(low: float, high: float) -> str:
+    """Return "from 3.2 to 179 Hz", or "at 179 Hz" for a single frequency."""
+    return f"at {low:.3g} Hz" if f"{low:.3g}" == f"{high:.3g}" else f"from {low:.3g} to {high:.3g} Hz"
 
 
 def _resolution(result: FrequencyResponse) -> str:

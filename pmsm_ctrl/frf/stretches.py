@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.structures import SecondMass
-from pmsm_ctrl.errors import LogError, NextCommand
+from pmsm_ctrl.errors import LogError, NextCommand, NotExcitedError
 from pmsm_ctrl.evidence.local_polynomial import REACH
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.excitation import excitation
@@ -88,8 +88,10 @@ def stretches(design: Design, logs: Iterable[Log]) -> tuple[Stretch, ...]:
 
     Raises
     ------
+    NotExcitedError
+        When no record has one of `policy.SHORTEST`.
     LogError
-        When no record has one of `policy.SHORTEST`, or a channel is missing.
+        When a channel is missing.
     """
     found = []
     for number, whole in enumerate(logs, start=1):
@@ -99,7 +101,7 @@ def stretches(design: Design, logs: Iterable[Log]) -> tuple[Stretch, ...]:
         parts = zip(names, parts_of(log), strict=True)
         found += [one for name, part in parts if (one := _stretch(design, part, name)) is not None]
     if not found:
-        raise LogError(
+        raise NotExcitedError(
             f"no stretch of {policy.SHORTEST:g} s in which the axis moves; a frequency response needs excitation: "
             "a multisine, a chirp or noise on the current or the speed reference"
         )

@@ -18,6 +18,7 @@ __all__ = ["channels_of"]
 # Recordings that were appended to one file: fewest samples of each, how near it begins to where the first one did, as a
 # share of that one's length, and the gap that is put between them, in s and in periods.
 FEWEST, NEAR, APART, APART_PERIODS = 100, 0.01, 2.0, 60.0
+COARSE = 1e-4  # share of the sampling period above which the resolution of absolute times is a jitter
 
 
 def channels_of(
@@ -42,7 +43,10 @@ def channels_of(
     notes: list[str] = []
     for group, index in times.items():
         gain = _time_gain(table, assignment, index)
-        t = loaded[index] if gain == 1.0 else loaded[index] * gain
+        t = loaded[index] * gain if gain != 1.0 else loaded[index]
+        if len(times) == 1 and window is None and _too_coarse(t):
+            t = (loaded[index] - loaded[index][0]) * gain
+            notes.append("t is counted from its first row: the stamps have more digits than seconds since then hold")
         if len(times) == 1 and (count := _restarts(t)):
             t = _in_line(t)
             notes.append(
@@ -63,6 +67,12 @@ def channels_of(
     for values in result.values():
         values.setflags(write=False)  # a log shares read-only arrays and copies others
     return result, (*notes, *resampled, *turned), tuple(doubts)
+
+
+def _too_coarse(t: Array) -> bool:
+    """Whether what a double resolves at such times is no small share of the sampling period."""
+    steps = np.diff(t[: min(len(t), 1000)])
+    return bool(len(steps) and np.spacing(np.abs(t[0])) > COARSE * np.median(np.abs(steps)))
 
 
 def _time_columns(table: Table, assignment: Assignment) -> dict[int, int]:

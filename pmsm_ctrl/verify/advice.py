@@ -41,6 +41,9 @@ def advice_of(found: Verification, missing: Sequence[str]) -> Verification:
         case Outcome.LIMIT_CYCLE:
             text = (f"Lower the gain at once: a limit cycle at rest of {found.after.cycle_frequency:.3g} Hz has begun; "
                     "`pmsm-ctrl compensate` finds the highest safe gain.")  # fmt: skip
+        case _ if found.implausible:
+            text = (f"Check how the drive forms its feedforward, and the unit of {', '.join(found.implausible)}; these "
+                    "logs advise no factor.")  # fmt: skip
         case _:
             text = ("Log the same motion again with several reversals and with position and speed references, and both "
                     "logs with the same controller gains.")  # fmt: skip

@@ -33,6 +33,21 @@ NOT_TOLD = Template(
     "the gain of '{effect}' is not separable on this motion ({gain}): it contributes {share:.0%} of the compensated "
     "current",
 )
+SMOOTHED = Template(
+    "verify_smoothed_sign",
+    "the drive smooths the sign of the speed over {width} {unit} ({shape}; the design: {stated:.3g} {unit}); the gain "
+    "is stated with that smoothing",
+)
+SMOOTHING_NOT_TOLD = Template(
+    "verify_smoothing_not_told",
+    "the drive smooths the sign of the speed over {width:.2g} {unit} or more, beside {peak:.2g} {unit} of this motion: "
+    "the gain is not separable from the smoothing; a faster motion is needed",
+)
+PART_IMPLAUSIBLE = Template(
+    "verify_part_implausible",
+    "the fitted gain of '{effect}' ({gain}) does not belong to one download with the others ({total:.2g} in all): the "
+    "drive forms its feedforward otherwise than assumed, or reads this value in another unit; no factor is advised",
+)
 PART_MISSING = Template(
     "verify_part_missing",
     "'{effect}' was not applied (gain {gain}); in this motion it contributes {share:.1%} of the compensated current",

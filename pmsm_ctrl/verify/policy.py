@@ -16,8 +16,27 @@ VAGUE = 0.3
 SEPARABLE_WITHIN = 0.15
 # Share of the expected gain below which a part is missing, and above which it is there.
 MISSING, THERE = 0.25, 0.5
-# Periods of the log by which the delay is uncertain at least: samples do not tell less.
-RESOLVED = 0.25
+# Periods of the log by which the delay is uncertain in the errors of the gain at least: samples do not tell less. And
+# periods by which logs differ in the reference that stands beside a current: that of the same cycle of the controller,
+# of the one before or behind, or of the middle.
+RESOLVED, CONVENTION = 0.25, 0.5
+# Share that a delay or a sign of the speed must leave of what the first one leaves: below, none is clearer.
+CLEARER = 0.999
+# Widths of the sign of the speed at which a delay is looked for first, and those that are tried then: shares of the
+# highest speed, and how many between the ends. A wider one is a viscous friction in this motion.
+FIRST_WIDTHS = (1e-4, 3e-3, 0.02, 0.1)
+NARROWEST, WIDEST, WIDTHS = 1e-4, 0.5, 19
+# Widths of a hyperbolic tangent, over that of the sign found, by which another shape of it is fitted.
+SHAPES = (1.0 / 3.0, 1.0, 3.0, 9.0)
+# Share of the highest speed from which on the width of a sign is not told from a viscous friction.
+WIDEST_TOLD = 0.4
+# Share of the highest speed up to which a reference rests: the digits of a file.
+AT_REST = 1e-6
+# Standard errors, and expected gains, by which the gain of a part may differ from that of all parts: a drive takes its
+# parts from one download. More is an error of what was assumed of the drive.
+ODD_ERRORS, ODD = 4.0, 3.0
+# Times the delay may move on to the end of what was tried.
+MOVES = 4
 # Share of the compensated current that a part must make to be missed.
 WORTH = 0.1
 # s; and periods of the log: a later feedforward leaves a pulse of the friction at every reversal. Drives apply within
@@ -36,8 +55,9 @@ LIMIT = 0.98
 # reads as well, and makes gains too small.
 AVERAGED = 0.005
 # Errors of the gain that no block shows, as a share of the expected one: the law is sampled faster than the log; a
-# measured current lags its reference by the current loop besides.
-SAMPLED, MEASURED = 0.002, 0.015
+# measured current lags its reference by the current loop besides; a sign whose shape is neither of the two that are
+# known need not end within the speeds of the motion (an arc tangent of another simulator: 2 to 4 %).
+SAMPLED, MEASURED, SHAPED = 0.002, 0.015, 0.02
 # Blocks of the two records whose differences bound the standard errors from below.
 BLOCKS = 24
 # Samples of a record that are evaluated.

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.rendering.numbers import percent, with_error, with_prefix
+from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.verify.quadrants import QuadrantError
 from pmsm_ctrl.verify.result import Outcome, Verification
@@ -52,17 +53,32 @@ def _(result: Verification) -> Section:
 def _gains(result: Verification) -> Table:
     rows = [("total", with_error(result.gain.value, result.gain.stderr), f"{result.expected:g}", "")]
     rows += [
-        (name, with_error(one.value, one.stderr) if math.isfinite(one.stderr) else "-", f"{result.expected:g}",
-         percent(result.weight[name], 1))
+        (name, _gain(one, name in result.implausible), f"{result.expected:g}", percent(result.weight[name], 1))
         for name, one in result.parts.items()
     ]  # fmt: skip
     if result.delay is not None:
         low, high = result.delay_interval
         rows.append(("delay [ms]", f"{1e3 * result.delay.value:.3g} ({1e3 * low:.3g} to {1e3 * high:.3g})", "0", ""))
+    if result.smoothing is not None:
+        low, high = result.smoothing_interval
+        rows.append(
+            (
+                f"smoothing of the sign, {result.smoothing_shape} [{result.smoothing.unit}]",
+                f"{result.smoothing.value:.3g} ({low:.3g} to {high:.3g})",
+                f"{result.smoothing.nominal:.3g}",
+                "",
+            )
+        )
     rows.append(("before the download", with_error(result.before_gain.value, result.before_gain.stderr), "0", ""))
     return Table(
         ("part of the feedforward", "gain", "design", "share of the current"), tuple(rows), "Applied feedforward"
     )
+
+
+def _gain(found: Estimate, implausible: bool) -> str:
+    if implausible:
+        return "implausible"
+    return with_error(found.value, found.stderr) if math.isfinite(found.stderr) else "-"
 
 
 def _errors(result: Verification) -> Table:

@@ -55,8 +55,17 @@ class Verification(Result):
         Of the feedforward behind the reference, s; None where nothing was added.
     delay_interval : tuple of float
         s, 95 %.
+    smoothing : Estimate or None
+        Width of what the drive takes for the sign of the speed, rad/s (m/s): that of a straight line through zero, or
+        the scale of a hyperbolic tangent (`smoothing_shape`); None where it is that of the design.
+    smoothing_interval : tuple of float
+        95 %.
+    smoothing_shape : str
+        ``line`` or ``tanh``; empty without a smoothing.
     parts : dict of effect to Estimate
         Gain by part of the friction.
+    implausible : tuple of str
+        Parts whose gain does not belong to one download: no gain of a drive.
     weight : dict of effect to float
         Share of the compensated current (rms) that each part makes in this motion.
     channel : str
@@ -84,7 +93,11 @@ class Verification(Result):
     interval: tuple[float, float]
     delay: Estimate | None
     delay_interval: tuple[float, float]
+    smoothing: Estimate | None
+    smoothing_interval: tuple[float, float]
+    smoothing_shape: str
     parts: Mapping[str, Estimate]
+    implausible: tuple[str, ...]
     weight: Mapping[str, float]
     channel: str
     before: Tracking
@@ -118,7 +131,11 @@ class Verification(Result):
             "gain_before": self.before_gain,
             "delay": self.delay,
             "delay_interval_95": list(self.delay_interval),
+            "smoothing": self.smoothing,
+            "smoothing_interval_95": list(self.smoothing_interval),
+            "smoothing_shape": self.smoothing_shape,
             "parts": dict(self.parts),
+            "implausible": list(self.implausible),
             "weight": dict(self.weight),
             "channel": self.channel,
             "errors": {"before": errors(self.before), "after": errors(self.after)},

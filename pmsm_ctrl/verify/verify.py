@@ -18,16 +18,20 @@ from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.simulate.fed_forward import fed_currents, read_speed
+from pmsm_ctrl.simulate.feedforward import ramp_length, smoothing_width
 from pmsm_ctrl.verify import notices as words
 from pmsm_ctrl.verify import policy
 from pmsm_ctrl.verify.advice import advice_of
 from pmsm_ctrl.verify.errors import Tracking, changes, promised, same_motion, tracking
-from pmsm_ctrl.verify.law import Law, Record, averaged, cropped, fit_law
+from pmsm_ctrl.verify.law import Law, fit_law
+from pmsm_ctrl.verify.record import Record, Unsigned, averaged, cropped
 from pmsm_ctrl.verify.result import Outcome, Verification
 
 __all__ = ["verify"]
 
 Array = NDArray[np.float64]
+
+NO_SIGN = 1e12  # rad/s (m/s), a dead zone that no speed leaves
 
 
 def verify(design: Design, before: Log, after: Log, *, seed: int = 0) -> Verification:
@@ -63,7 +67,7 @@ def verify(design: Design, before: Log, after: Log, *, seed: int = 0) -> Verific
     require_kind(design, Design, "design")
     found = [_completed(log) for log in as_logs((before, after))]
     channel = _channel(found)
-    records = [_record(design, log, channel) for log in found]
+    records = _records(design, found, channel)
     expected = design.compensation.gain or 1.0
     law = _law(records, channel, expected)
     notes: list[Notice] = []
@@ -73,7 +77,7 @@ def verify(design: Design, before: Log, after: Log, *, seed: int = 0) -> Verific
         and all("i_q" in one for one in found)
     ):
         # some drives log what the speed controller asks for, and add the feedforward behind it
-        measured = _law([_record(design, log, "i_q") for log in found], "i_q", expected)
+        measured = _law(_records(design, found, "i_q"), "i_q", expected)
         if _half(measured) < policy.VAGUE * expected and abs(measured.gain.value[1]) > policy.VAGUE * expected:
             channel, law = "i_q", measured
             notes.append(words.OTHER_CHANNEL())
@@ -117,12 +121,17 @@ def _channel(logs: list[Log]) -> str:
     )
 
 
-def _record(design: Design, log: Log, channel: str) -> Record:
+def _records(design: Design, logs: list[Log], channel: str) -> list[Record]:
+    placed = all("theta" in log and "theta_ref" in log for log in logs)
+    return [_record(design, log, channel, placed) for log in logs]
+
+
+def _record(design: Design, log: Log, channel: str, placed: bool) -> Record:
     """Return what the controller reads, the current that it asks for, and the compensator's own currents."""
     channels, period = dict(log.channels), log.period
     current = channels[channel] / (design.K_t_assumed if channel == "torque" else 1.0)
     speed, reference = channels["omega"], channels["omega_ref"]
-    if "theta" in channels and "theta_ref" in channels:
+    if placed:
         error = channels["theta_ref"] - channels["theta"]
         read = [error, reference - speed]
     else:
@@ -137,7 +146,20 @@ def _record(design: Design, log: Log, channel: str) -> Record:
     if not used.sum() > 100:
         raise LogError(f"the current is at its limit of {limit:g} A in the whole log; a slower motion is needed")
     fed = fed_currents(design, channels, read_speed(design, channels), period)
-    return Record(log.t, current, columns, fed, used)
+    return Record(log.t, current, columns, fed, used, _unsigned(design, channels, period))
+
+
+def _unsigned(design: Design, channels: Mapping[str, Array], period: float) -> Unsigned | None:
+    """Return the compensator's currents before a sign of the speed is put in."""
+    if ramp_length(design) > 0.0:
+        return None
+    speed = read_speed(design, channels)
+    hard, none = (
+        fed_currents(design.replace(compensation={"smoothing": 0.0, "dead_zone": zone}), channels, speed, period)
+        for zone in (design.compensation.dead_zone, NO_SIGN)
+    )
+    sign = np.where(speed > 0.0, 1.0, -1.0)  # of the compensator's own lines
+    return Unsigned(speed, none, {name: (one - none[name]) * sign for name, one in hard.items()})
 
 
 def _law(records: list[Record], channel: str, expected: float) -> Law:
@@ -148,7 +170,7 @@ def _law(records: list[Record], channel: str, expected: float) -> Law:
         width = max(1, round(policy.AVERAGED / kept[1].period))
         kept, systematic = [averaged(one, width) for one in kept], policy.MEASURED
     law = fit_law(*kept)
-    own = (systematic * expected) ** 2
+    own = (math.hypot(systematic, policy.SHAPED if law.shaped else 0.0) * expected) ** 2
     gain, parts = (replace(one, covariance=one.covariance + own * np.eye(len(one.names)))
                    for one in (law.gain, law.parts))  # fmt: skip
     return replace(law, gain=gain, parts=parts)
@@ -170,14 +192,17 @@ class _Part:
     separable: bool
     missing: bool
     there: bool
+    odd: bool
 
 
 def _parts(law: Law, expected: float) -> dict[str, _Part]:
     out = {}
+    whole = float(law.gain.value[1])
     for name, value, stderr in zip(law.parts.names, law.parts.value, law.parts.stderr, strict=True):
         separable = bool(stderr < policy.SEPARABLE_WITHIN * expected)
         missing = separable and abs(value) < policy.MISSING * expected
-        out[name] = _Part(separable, bool(missing), bool(separable and value > policy.THERE * expected))
+        odd = bool(abs(value - whole) > max(policy.ODD_ERRORS * stderr, policy.ODD * expected))
+        out[name] = _Part(separable, bool(missing), bool(separable and value > policy.THERE * expected), odd)
     return out
 
 
@@ -193,7 +218,7 @@ def _judged(
     parts = _parts(law, expected)
     measured = changes(*errors) if same_motion(*logs) else {}
     verdict = _verdict(law, expected, parts, weight, errors, logs[1].period)
-    notes += _of_law(law, expected, parts, weight)
+    notes += [*_of_sign(design, logs[1], law), *_of_law(law, expected, parts, weight)]
     notes += _of_errors(errors, measured, wanted, judged=verdict in (Outcome.APPLIED, Outcome.LATE))
     notes += _of_samples(design, logs, channel)
     applied = abs(value) > max(half, policy.NOTHING * expected)
@@ -213,7 +238,15 @@ def _judged(
         interval=(value - half, value + half),
         delay=delay,
         delay_interval=(law.delay_low, law.delay_high) if applied else (math.nan, math.nan),
+        smoothing=None
+        if law.sign is None
+        else Estimate(
+            law.sign.width, _speed_unit(design), (law.width_high - law.width_low) / 3.92, smoothing_width(design)
+        ),
+        smoothing_interval=(math.nan, math.nan) if law.sign is None else (law.width_low, law.width_high),
+        smoothing_shape="" if law.sign is None else law.sign.shape,
         parts=estimates,
+        implausible=tuple(name for name, one in parts.items() if one.odd),
         weight=weight,
         channel=channel,
         before=errors[0],
@@ -243,11 +276,12 @@ def _verdict(
     # a drive that adds nothing cycles for another reason
     if after > policy.CYCLE * before and value + half > policy.NOTHING * expected:
         return Outcome.LIMIT_CYCLE
-    if law.explained < policy.EXPLAINED or not half < policy.VAGUE * expected:
+    if law.unresolved or law.explained < policy.EXPLAINED or not half < policy.VAGUE * expected:
         return Outcome.INCONCLUSIVE
     missing = any(one.missing and weight[name] > policy.WORTH for name, one in parts.items())
+    odd = any(one.odd for one in parts.values())
     if missing and any(one.there for one in parts.values()):
-        return Outcome.PARTLY_APPLIED
+        return Outcome.INCONCLUSIVE if odd else Outcome.PARTLY_APPLIED
     if abs(value) < policy.NOTHING * expected:
         return Outcome.NOT_APPLIED
     if value + half < 0.0:
@@ -255,10 +289,28 @@ def _verdict(
     if value - half <= 0.0:
         return Outcome.INCONCLUSIVE
     if abs(value - expected) > max(policy.WRONG * expected, half):
-        return Outcome.WRONG_GAIN
+        return Outcome.INCONCLUSIVE if odd else Outcome.WRONG_GAIN
     if law.delay_low > max(policy.LATE, policy.LATE_PERIODS * period):
         return Outcome.LATE
     return Outcome.APPLIED
+
+
+def _speed_unit(design: Design) -> str:
+    return "m/s" if design.motion == "linear" else "rad/s"
+
+
+def _of_sign(design: Design, log: Log, law: Law) -> list[Notice]:
+    """Return what is to be known of a drive with another sign of the speed than the design's."""
+    if law.sign is None:
+        return []
+    unit, width = _speed_unit(design), law.sign.width
+    if law.unresolved:
+        peak = float(np.abs(read_speed(design, dict(log.channels))).max())
+        return [words.SMOOTHING_NOT_TOLD(width=width, unit=unit, peak=peak)]
+    text = with_error(width, (law.width_high - law.width_low) / 3.92)
+    shape = "hyperbolic tangent" if law.sign.curved else "straight line"
+    shape = f"about as a {shape}" if law.shaped else shape
+    return [words.SMOOTHED(width=text, unit=unit, shape=shape, stated=smoothing_width(design))]
 
 
 def _of_law(law: Law, expected: float, parts: Mapping[str, _Part], weight: Mapping[str, float]) -> list[Notice]:
@@ -273,7 +325,9 @@ def _of_law(law: Law, expected: float, parts: Mapping[str, _Part], weight: Mappi
     some = any(one.there for one in parts.values())
     for name, value, stderr in zip(law.parts.names, law.parts.value, law.parts.stderr, strict=True):
         text = with_error(float(value), float(stderr)) if math.isfinite(stderr) else "unknown"
-        if not parts[name].separable:
+        if parts[name].odd:
+            out.append(words.PART_IMPLAUSIBLE(effect=name, gain=text, total=float(law.gain.value[1])))
+        elif not parts[name].separable:
             out.append(words.NOT_TOLD(effect=name, gain=text, share=weight[name]))
         elif parts[name].missing and some:
             out.append(words.PART_MISSING(effect=name, gain=text, share=weight[name]))

@@ -308,6 +308,10 @@ ASSUMED = "[motor]\nJ = 1.0\nK_t = 1.0\n[assumed]\n"
         ("[motor]\nJ = -1.0\nK_t = 1.0", ["motor.J", "-1.0", "greater than or equal to 1e-15"]),
         ("[motor]\nJ = nan\nK_t = 1.0", ["motor.J", "nan", "finite"]),
         ("[motor]\nJ = 1.0\nK_t = 1.0\nJ_load = 2.0", ["motor.J_load", "unknown field", "known: "]),
+        (
+            "[motor]\nJ = 1.0\nK_t = 1.0\nR = 1.0\nL_d = 1e-3\nL_q = 1e-3\np = 4",
+            ["psi_f missing", "K_t_peak", "K_t_rms", "K_e_"],
+        ),
         ("[motor]\nJ = 1.0\nK_tt = 1.0", ["motor.K_tt", "did you mean 'K_t'"]),
         ("[motr]\nJ = 1.0", ["motr", "did you mean 'motor'"]),
         ("name = 'x'", ["motor", "missing"]),

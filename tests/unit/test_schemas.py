@@ -73,7 +73,20 @@ def test_every_command_that_writes_json_has_a_schema() -> None:
     writing: dict[str, Any] = {
         c.name or c.callback.__name__: c.callback.__annotations__ for c in app.registered_commands if c.callback
     }
-    assert {verb for verb, options in writing.items() if "json_file" in options} == set(SCHEMAS)
+    others = {"import-proposal", "fleet-report"}  # a second answer of one command, and that of a group
+    assert {verb for verb, options in writing.items() if "json_file" in options} | others == set(SCHEMAS)
+
+
+def test_a_proposal_follows_its_schema(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was written with no schema that describes it."""
+    monkeypatch.chdir(tmp_path)
+    lines = ["Zeit [ms];Lage [deg];Drehzahl [rpm];Strom [%]", *(f"{k};{k};{k % 7};{k % 5}" for k in range(300))]
+    (tmp_path / "l.csv").write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(SystemExit):
+        main(["import", "l.csv", "--json", "p.json"])
+    written = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))
+    assert written["schema"] == "pmsm-ctrl/proposal/1"
+    jsonschema.Draft202012Validator(SCHEMAS["import-proposal"]).validate(written)
 
 
 def test_an_unknown_command_has_none(capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,8 +19,9 @@ import pytest
 from pmsm_ctrl.cli import app
 from pmsm_ctrl.console import run
 from pmsm_ctrl.diagnose.resonance import read_measured
+from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.effects.loading import load_effects
-from pmsm_ctrl.errors import CacheWarning, LogError, RequestError
+from pmsm_ctrl.errors import CacheWarning, DesignError, LogError, RequestError
 from pmsm_ctrl.fleet import read_manifest
 from pmsm_ctrl.frf.bode import is_bode_file, read_bode
 from pmsm_ctrl.importers import read_log
@@ -282,3 +283,33 @@ def test_a_verb_called_from_python_uses_one_thread_and_gives_the_others_back() -
     untold = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     done = subprocess.run([sys.executable, "-c", code], env=untold, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+BROKEN = """from pmsm_ctrl.effects import Effect, Parameter, kernel
+@kernel
+def drag(omega: float, k: float) -> float:
+    return {body}
+own = Effect(id="own_drag", title="Drag", equation="k", source="own", enters="torque",
+             parameters=(Parameter("k", "N m", 0.0, -9.0, 9.0, "of it", linear=True),),
+             term=drag, needs="speed", validated="not at all")
+"""
+
+
+def test_an_undefined_name_in_an_own_effect_is_one_line(tmp_path: Path) -> None:
+    """It was an unexpected TypingError with colours of a terminal, to be reported, and status 70."""
+    path = tmp_path / "own.py"
+    path.write_text(BROKEN.format(body="k * omega_zzz"), encoding="utf-8")
+    with pytest.raises(RequestError, match=r"own\.py: effect 'own_drag': function 'drag': name 'omega_zzz' is not def"):
+        load_effects(path)
+
+
+def test_what_numba_refuses_in_an_own_effect_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "own.py"
+    path.write_text(BROKEN.format(body="k * omega.no_such_thing"), encoding="utf-8")
+    (effect,) = load_effects(path)
+    with pytest.raises(DesignError) as found:
+        column(effect, {"omega": np.ones(3)}, {"k": 1.0})
+    said = str(found.value)
+    assert said.startswith("own.py: effect 'own_drag': function 'drag' cannot be compiled: ")
+    assert "\n" not in said
+    assert "\x1b" not in said

@@ -222,6 +222,24 @@ def test_a_log_with_excitation_goes_to_frf(scenario: str) -> None:
     assert next_step("simulate", given) == "pmsm-ctrl frf l.csv --design a.toml --output new.toml"
 
 
+def test_a_log_in_doubt_is_imported_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`compare` was the next command, which refused the log for the same doubt."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.toml").write_text("name = 'a'\n[motor]\nJ = 1e-4\nK_t = 0.5\n", encoding="utf-8")
+    t = np.arange(4000) * 1e-3
+    speed = 100.0 * np.sin(3.0 * t)
+    columns = np.column_stack([t, np.cumsum(speed) * 1e-3, speed * 9.549, 0.06 * np.cos(3.0 * t)])
+    np.savetxt("l.csv", columns, delimiter=",", header="t,theta,omega,i_q", comments="", fmt="%.9g")
+    for words, follows in ([], "import"), (["--map", "omega=omega [rpm]"], "compare"):
+        with pytest.raises(SystemExit):
+            main(["import", "l.csv", "--design", "a.toml", *words])
+        line = shlex.split(capsys.readouterr().out.splitlines()[-1])
+        assert line[:3] == ["next:", "pmsm-ctrl", follows]
+    assert next_step("import", {"file": "l.csv"}, "omega") == "pmsm-ctrl import l.csv --map 'omega=COLUMN [UNIT]'"
+
+
 def test_the_next_command_keeps_the_held_out_logs() -> None:
     logs = {"design": Path("a.toml"), "log": [Path("l.csv")], "holdout": [Path("h.csv")]}
     for verb in "compare", "study":

@@ -13,6 +13,7 @@ import pytest
 
 from pmsm_ctrl.compensate import Trial, accept, judge, run_trial, study_trials
 from pmsm_ctrl.compensate.motions import PUSHES
+from pmsm_ctrl.compensate.notices import _limit
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.simulate import Scenario
@@ -40,6 +41,13 @@ def with_gain(seed_text: str, gain: float, source: str = "reference") -> str:
     return seed_text + f'\n[compensation]\ngain = {gain}\nsource = "{source}"\n'
 
 
+def test_a_limit_is_printed_with_the_digits_that_were_stated() -> None:
+    """A limit of -0.9999 was "-100.0 %", with which -99.3 % does not look far off."""
+    assert _limit(-99.99) == "-99.99"
+    assert _limit(100 * -0.8) == "-80.0"
+    assert _limit(12.5) == "+12.5"
+
+
 def test_a_gain_made_too_high_and_a_wrong_name_fail_readably(tmp_path: Path, seed_text: str) -> None:
     wanted = LINE.format("reversal 2 rad/s", "rms_change", -0.8)
     (tmp_path / "good.toml").write_text(with_gain(seed_text, 1.0) + wanted)
@@ -51,6 +59,8 @@ def test_a_gain_made_too_high_and_a_wrong_name_fail_readably(tmp_path: Path, see
     assert ran.returncode == 1, ran.stdout + ran.stderr
     assert "3 failed, 2 passed" in ran.stdout
     assert "unknown scenario 'pusch'; did you mean 'push'?" in ran.stdout
+    known = ran.stdout.partition("did you mean 'push'? (known: ")[2].partition(")")[0].split(", ")
+    assert len(known) == len(set(known)) > 5
     assert "unknown metric 'rsm'; did you mean 'rms'?" in ran.stdout
     assert "FAILED: reversal 2 rad/s: rms_change = +" in ran.stdout
     assert "limit -80.0 %" in ran.stdout

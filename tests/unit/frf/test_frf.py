@@ -13,15 +13,16 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, Log, frf, simulate
-from pmsm_ctrl.cli import app
+from pmsm_ctrl.cli import app, main
 from pmsm_ctrl.console import run
 from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.local_polynomial import Local
 from pmsm_ctrl.frf import FrequencyResponse, Response
 from pmsm_ctrl.frf.fit import fit_axis
-from pmsm_ctrl.frf.measured import _beside, _passive, _ratio, measured_axis
+from pmsm_ctrl.frf.measured import _beside, _passive, _ratio, counted, measured_axis
 from pmsm_ctrl.frf.notices import NOISE_ANSWERED
+from pmsm_ctrl.frf.present import _range
 from pmsm_ctrl.frf.recorder import recorded
 from pmsm_ctrl.frf.stretches import stretches, without_steps
 from pmsm_ctrl.simulate import Scenario, scenario
@@ -60,6 +61,34 @@ def test_mobility_is_what_python_control_makes_of_the_matrices(seed: Design) -> 
     mass = SecondMass(J_load=4e-5, k=15.0, d=0.002)
     closed = mobility(1j * omega, axis.J, model.point.friction_slope, mass)
     np.testing.assert_allclose(closed, mechanics(1j * omega, squeeze=True), rtol=1e-6)
+
+
+def test_a_flat_deviation_is_one_band(seed: Design) -> None:
+    """An inertia 5 % off was "from 7 to 6.999 Hz and 179 to 179 Hz": third octaves a little above and below 5 %."""
+    log = simulate(seed, chirp(design=seed), seed=5)
+    result = frf(seed.with_parameters(J=1.05 * (seed.motor.J or 0.0)), log)
+    assert len(result.bands) == 1
+    band, plant = result.bands[0], result.responses["plant"]
+    assert band.high - band.low > 0.8 * (plant.frequency[-1] - plant.frequency[0])
+    assert _range(6.9996, 6.999) == "at 7 Hz"
+    assert _range(7.0, 179.2) == "from 7 to 179 Hz"
+
+
+def test_without_excitation_no_design_is_written(
+    seed: Design, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The help promises status 1 where --output is given; it was 2."""
+    monkeypatch.chdir(tmp_path)
+    seed.write("d.toml")
+    simulate(seed, scenario("hold", seed, duration=2.0), seed=1).write_csv("l.csv")
+    for words, status in ((["--output", "x.toml"], 1), ([], 2)):
+        with pytest.raises(SystemExit) as left:
+            main(["frf", "l.csv", "--design", "d.toml", *words])
+        assert left.value.code == status
+    assert "x.toml: not written" in capsys.readouterr().err
+    assert not Path("x.toml").exists()
+    assert counted(1) == "1 frequency"
+    assert counted(2) == "2 frequencies"
 
 
 def test_a_rigid_axis_agrees_with_its_design(seed: Design) -> None:

@@ -98,6 +98,18 @@ def test_milliseconds_since_1970(tmp_path: Path) -> None:
     assert log.t[0] == 1_715_000_000.0
 
 
+@pytest.mark.parametrize("unit", ["us", "ms"])
+def test_stamps_since_1970_keep_their_digits(tmp_path: Path, unit: str) -> None:
+    """In seconds since 1970 a double resolves 0.24 us: a log of 8 kHz was one of 8004.4 Hz that jitters."""
+    step, first = (125, 1716000000000000) if unit == "us" else (1, 1716000000000)
+    lines = [f"timestamp [{unit}];omega [rad/s];i_q [A]"]
+    lines += [f"{first + step * k};{k % 7};{k % 5}" for k in range(500)]
+    path = tmp_path / "l.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    t = read_log(path, mapping={"t": f"timestamp [{unit}]"}).t
+    np.testing.assert_allclose(t - t[0], np.arange(500) * step * (1e-6 if unit == "us" else 1e-3), rtol=0, atol=1e-12)
+
+
 def test_day_and_month_that_can_be_exchanged(tmp_path: Path) -> None:
     """Within one day it makes no difference; beyond, it is refused."""
     at = datetime(2024, 5, 6, 23, 59, 58)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -39,14 +39,23 @@ def verified_design(design: Design) -> Design:
     )
 
 
-def applied(design: Design, motion: Scenario, gains: Mapping[str, float], late: float = 0.0) -> Scenario:
-    """Return a motion whose drive adds each part of the compensator with a gain of its own, `late` s behind."""
+def applied(
+    design: Design, motion: Scenario, gains: Mapping[str, float], late: float = 0.0,
+    sign: Callable[[Array], Array] | None = None,
+) -> Scenario:  # fmt: skip
+    """Return a motion whose drive adds each part of the compensator with a gain of its own, `late` s behind.
+
+    `sign` is what the drive takes for the sign of the speed; dry friction turns with it.
+    """
 
     def references(t: Array) -> Mapping[str, Array]:
         earlier = motion.references(np.maximum(t - late, 0.0))
         speed = np.asarray(earlier["omega_ref"])
         channels = {"theta": np.asarray(earlier.get("theta_ref", np.zeros_like(speed))), "i_q": np.zeros_like(speed)}
         parts = fed_currents(design, channels, speed, design.drive.speed_period)
+        if sign is not None:
+            dry = {name: np.abs(one) * sign(speed) for name, one in parts.items() if name in ("coulomb", "stribeck")}
+            parts = {**parts, **dry}
         current = np.sum([gains.get(name, gains.get("all", 0.0)) * one for name, one in parts.items()], axis=0)
         return {**motion.references(t), "i_q_add": current}
 

@@ -213,6 +213,96 @@ def test_a_real_drive_that_was_not_changed(designs: Path, measured: Callable[[st
     assert found.interval[0] < 0.0 < found.interval[1]
 
 
+def smoothed(width: float, shape: str) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what a drive takes for the sign of the speed."""
+    shapes: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+        "tanh": np.tanh, "line": lambda x: np.clip(x, -1.0, 1.0), "hard": np.sign,
+        "root": lambda x: x / np.sqrt(1.0 + x * x),
+    }  # fmt: skip
+    return lambda speed: shapes[shape](speed / width)
+
+
+@pytest.mark.parametrize("reference", [True, slow(False)])
+@pytest.mark.parametrize(
+    ("gain", "width", "shape", "late"),
+    [
+        (1.0, 0.3, "tanh", 0.0), slow(1.0, 0.1, "tanh", 0.0), slow(1.0, 0.5, "line", 0.004),
+        (0.6, 0.3, "tanh", 0.004), slow(1.3, 0.3, "tanh", 0.0), slow(1.0, 0.3, "root", 0.0),
+        slow(1.0, 1.0, "hard", 0.004),
+    ],
+)  # fmt: skip
+def test_a_drive_that_smooths_the_sign_applies_its_gain(
+    design: Design, motion: Scenario, before: Log, gain: float, width: float, shape: str, late: float, reference: bool
+) -> None:
+    """Edges in the wrong place were paid for by the gain: 0.56, and "multiply by 1.8", of a drive that applied 1.00."""
+    off = design.replace(compensation={"gain": 0.0})
+    log = simulate(off, applied(design, motion, {"all": gain}, late, smoothed(width, shape)), seed=8)
+    left_out = () if reference else ("i_q_ref",)
+    found = verify(design, without(before, *left_out), without(log, *left_out))
+    low, high = found.interval
+    assert low - 0.005 < gain < high + 0.005
+    assert high - low < (0.25 if reference else 0.5)
+    assert found.verdict.value == ("wrong_gain" if gain != 1.0 else "late" if late else "applied")
+    assert found.delay_interval[0] <= late <= found.delay_interval[1]
+    if reference and shape in ("tanh", "line"):
+        assert found.smoothing is not None
+        assert found.smoothing_shape == shape
+        assert found.smoothing.value == pytest.approx(width, rel=0.05)
+        assert "verify_smoothed_sign" in [notice.code for notice in found.notices]
+    if shape == "hard":
+        assert found.smoothing is None
+
+
+def test_a_stated_smoothing_is_no_notice(design: Design, motion: Scenario, before: Log) -> None:
+    stated = design.replace(compensation={"smoothing": 0.5})
+    log = simulate(stated, motion, seed=9)
+    found = verify(stated, before, log)
+    assert found.verdict.value == "applied"
+    assert found.gain.value == pytest.approx(1.0, abs=0.01)
+    assert found.smoothing is None
+
+
+@pytest.mark.parametrize(("width", "code"), [(5.0, "verify_smoothing_not_told"), slow(30.0, "verify_part_implausible")])
+def test_a_motion_within_the_smoothing_tells_no_gain(
+    design: Design, motion: Scenario, before: Log, width: float, code: str
+) -> None:
+    """Where the drive never leaves the smoothing its friction is proportional to the speed: no factor is advised."""
+    off = design.replace(compensation={"gain": 0.0})
+    log = simulate(off, applied(design, motion, {"all": 1.0}, 0.0, smoothed(width, "line")), seed=8)
+    found = verify(design, before, log)
+    assert found.verdict.value == "inconclusive"
+    assert code in [notice.code for notice in found.notices]
+    assert "Multiply" not in found.advice
+
+
+def test_a_part_of_another_unit_is_an_alarm(design: Design, motion: Scenario, before: Log) -> None:
+    """Viscous friction 60 times as strong as the rest is no gain of a download: it is named, and no number."""
+    off = design.replace(compensation={"gain": 0.0})
+    log = simulate(off, applied(design, motion, {"viscous": 60.0, "all": 1.0}), seed=8)
+    found = verify(design, before, log)
+    assert found.implausible == ("viscous",)
+    assert "verify_part_implausible" in [notice.code for notice in found.notices]
+    assert "Multiply" not in found.advice
+    assert "implausible" in found.summary()
+
+
+def test_delay_of_a_log_is_known_to_half_a_period(design: Design, motion: Scenario, before: Log) -> None:
+    """A row may hold the current of its own reference, or of the one before: that is in the interval."""
+    off = design.replace(compensation={"gain": 0.0})
+    log = simulate(off, applied(design, motion, {"all": 1.0}, 0.0, np.sign), seed=8)
+    found = verify(design, before, log)
+    low, high = found.delay_interval
+    assert low <= 0.0 <= high
+    assert found.delay is not None
+    assert low <= found.delay.value - 0.5 * log.period + 1e-12
+    assert high >= found.delay.value + 0.5 * log.period - 1e-12
+
+
+def test_logs_with_other_channels_share_a_law(design: Design, before: Log, after: Callable[[str], Log]) -> None:
+    found = verify(design, without(before, "theta_ref"), after("as designed"))
+    assert found.verdict.value in ("applied", "inconclusive")
+
+
 def of_another_drive(seed: int, gain: float) -> Log:
     """Return the log of a position cascade at 4 kHz with hard ramps; its current lags by 0.4 ms.
 
