@@ -249,3 +249,22 @@ def test_emps_by_simulation_on_both_records(measured, designs: Path) -> None:
     better = better.with_effect("coulomb", {"F_c": 20.385}).with_effect("constant_load", {"T_0": 0.5 * (20.14 - 20.63)})
     assert compare(better, logs[0]).log.simulated[0].errors["omega"].rms < 0.9 * speed.rms
     assert result.holdout is not None
+
+
+def test_every_record_keeps_its_torque_error_in_the_brief_text(seed_motor: Design) -> None:
+    """Of three logs and two held-out ones the errors were cut off, and the JSON held the first held-out log alone."""
+    motion = scenario("reversal", seed_motor, cycles=2.0)
+    logs = [simulate(seed_motor, motion, seed=seed) for seed in range(13)]
+    result = compare(seed_motor, logs[:11], holdout=logs[11:])
+    brief = result.summary(brief=True)
+    errors, records = brief.index("Errors, measured less predicted"), brief.index("Records: torque errors")
+    assert brief[records:].count(" Hz") == 13
+    shown = [line for line in brief[errors:records].splitlines() if line.startswith(("log", "holdout"))]
+    assert sum(" torque" in line for line in shown) == 3
+    data = result.to_dict()
+    assert len(data["holdouts"]) == 2
+    for one, other in zip(data["holdouts"], result.holdouts, strict=True):
+        assert one["log"] == other.name
+        assert one["errors"]["torque"]["rms"] == other.errors["torque"].rms
+        assert len(one["simulation"]) == len(other.simulated)
+    assert data["holdouts"][0]["errors"] == data["holdout_errors"]
