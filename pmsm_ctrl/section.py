@@ -120,6 +120,8 @@ class Table:
         Whether a page lets the reader sort and filter the rows; such a table is shown whatever its length.
     links : dict of str to str
         Address by the text of a row's first cell, for HTML.
+    whole : bool
+        Whether a brief section keeps all its rows.
     """
 
     header: tuple[str, ...]
@@ -129,6 +131,7 @@ class Table:
     curves: Mapping[str, tuple[Sparkline | None, ...]] = field(default_factory=dict, hash=False)
     sortable: bool = False
     links: Mapping[str, str] = field(default_factory=dict, hash=False)
+    whole: bool = False
 
 
 @dataclass(frozen=True)
@@ -300,7 +303,7 @@ class Section:
 
 
 def _shortened(block: Block) -> Block:
-    if not isinstance(block, Table) or len(block.rows) <= MOST_ROWS:
+    if not isinstance(block, Table) or block.whole or len(block.rows) <= MOST_ROWS:
         return block
     rest = (f"... {len(block.rows) - MOST_ROWS + 1} more",)
     return replace(block, rows=(*block.rows[: MOST_ROWS - 1], rest))

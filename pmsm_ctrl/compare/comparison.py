@@ -222,6 +222,10 @@ class Comparison(Result):
             "timing": {
                 "late": log.timing.late, "filter": log.timing.lag, "stderr": log.timing_stderr, "unit": "s",
             },
+            "holdouts": [
+                {"log": one.name, "errors": _plain(one.errors), "simulation": [_plain_run(s) for s in one.simulated]}
+                for one in self.holdouts
+            ],
             "holdout_log": other and other.name,
             "holdout_errors": other and _plain(other.errors),
             "holdout_simulation": other and [_plain_run(s) for s in other.simulated],

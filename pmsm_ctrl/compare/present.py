@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +30,9 @@ def _(result: Comparison) -> Section:
     names = {"torque": drives(motion)}
     found = [f"{names.get(name, name)}: {structure_words(s)}." for name, s in log.structure.items()]
     records = [("log", log), *_held_out(result)]
+    several = len(log.rows) > 1 or len(result.holdouts) > 1
+    table = replace(records_table(result.records, names["torque"], "as predicted"), whole=True)
+    by_record = (table,) if several else ()
     return Section(
         f"Comparison of {result.design.name} with {Path(log.name).name}",
         (
@@ -42,13 +46,14 @@ def _(result: Comparison) -> Section:
             ),
             *_drift(records, names["torque"]),
             _errors(records, names),
+            *by_record,
             *_meanings(records),
             *_whole(records, motion),
-            *([records_table(result.records, names["torque"], "as predicted")] if len(log.rows) > 1 else []),
             _dependences(result, names["torque"]),
             _stretches(log, axis_unit("rad/s", motion)),
             *_pictures(result),
         ),
+        essential=by_record,
     )
 
 
@@ -100,6 +105,7 @@ _HEADER = ("channel", "method", "rms", "noise floor", "unit", "relative", "worst
 def _errors(records: Iterable[tuple[str, Record]], names: dict[str, str]) -> Table:
     """Every channel by every method; which record, where there is more than one."""
     rows = [row for label, record in records for row in _error_rows(label, record, names)]
+    rows.sort(key=lambda row: row[2] != "prediction")  # what a brief table leaves out are simulations
     error = torque_error_name(names["torque"])
     title = f"Errors, measured less predicted; the relative one of the {names['torque']} by prediction is the {error}"
     if len({label for label, *_ in rows}) > 1:

@@ -37,7 +37,7 @@ def added(result: Verification) -> Figure:
     top = 1.1 * float(np.max(np.abs(wanted))) or 1.0
     right.plot([-top, top], [-top, top], color=GREY, lw=0.8)
     right.set(xlabel="compensator of the design [A]", ylabel="found [A]")
-    right.locator_params(axis="x", nbins=5)  # labels of three decimals overlap beyond that
+    right.locator_params(axis="x", nbins=4)  # labels of three decimals overlap beyond that
     for axes in (left, right):
         _finish(axes)
     return figure

@@ -257,3 +257,22 @@ def test_a_noise_floor_is_no_more_than_the_error(floor: float, said: float) -> N
     """What noise makes of a free run is worked out without friction: it was above the error."""
     found = ChannelError.of(np.array([1.0, -1.0]), np.zeros(2), "rad/s", floor)
     assert found.floor == pytest.approx(said, nan_ok=True)
+
+
+def test_every_record_keeps_its_torque_error_in_the_brief_text(seed_motor: Design) -> None:
+    """Of three logs and two held-out ones the errors were cut off, and the JSON held the first held-out log alone."""
+    motion = scenario("reversal", seed_motor, cycles=2.0)
+    logs = [simulate(seed_motor, motion, seed=seed) for seed in range(13)]
+    result = compare(seed_motor, logs[:11], holdout=logs[11:])
+    brief = result.summary(brief=True)
+    errors, records = brief.index("Errors, measured less predicted"), brief.index("Records: torque errors")
+    assert brief[records:].count(" Hz") == 13
+    shown = [line for line in brief[errors:records].splitlines() if line.startswith(("log", "holdout"))]
+    assert sum(" torque" in line for line in shown) == 3
+    data = result.to_dict()
+    assert len(data["holdouts"]) == 2
+    for one, other in zip(data["holdouts"], result.holdouts, strict=True):
+        assert one["log"] == other.name
+        assert one["errors"]["torque"]["rms"] == other.errors["torque"].rms
+        assert len(one["simulation"]) == len(other.simulated)
+    assert data["holdouts"][0]["errors"] == data["holdout_errors"]

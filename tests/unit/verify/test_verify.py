@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from pmsm_ctrl.compensate.motions import named_trial
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.simulate import Scenario, scenario
 from pmsm_ctrl.simulate.fed_forward import fed_currents
+from pmsm_ctrl.verify.figures import added
 from tests.effort import amount, slow
 from tests.unit.verify.downloads import WAYS, applied, logs_of, verified_design
 
@@ -350,3 +353,17 @@ def test_the_lag_of_a_current_loop_is_no_feedforward(gain: float) -> None:
     assert found.gain.value == pytest.approx(gain, abs=0.05)
     assert found.interval[0] < gain < found.interval[1]
     assert abs(found.before_gain.value) < 0.05
+
+
+def test_the_numbers_of_an_axis_do_not_overlap(design: Design, before: Log, after: Callable[[str], Log]) -> None:
+    """Of a current of 0.05 A, five ticks of three decimals ran into one another."""
+    found = verify(design, before, after("as designed"))
+    scaled = replace(found, predicted=0.05 * found.predicted / np.abs(found.predicted).max())
+    figure = added(scaled)
+    figure.draw_without_rendering()
+    labels = [label.get_window_extent() for label in figure.axes[1].get_xticklabels() if label.get_text()]
+    inside = [
+        one for one in labels if figure.axes[1].bbox.x0 - 5 <= 0.5 * (one.x0 + one.x1) <= figure.axes[1].bbox.x1 + 5
+    ]
+    assert len(inside) >= 3
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(inside))
