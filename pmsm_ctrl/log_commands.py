@@ -292,7 +292,8 @@ def verify(
 
     axis = read_design(design, effects)
     logs = [_single(path, axis, mapping) for path in (before, after)]
-    result = run_verification(axis, logs[0], logs[1], seed=seed)
+    with progress_bar(f"verify {after.name}") as progress:
+        result = run_verification(axis, logs[0], logs[1], seed=seed, progress=progress)
     finish("verify", result, json_file=json_file, report=report)
     require_applied(result.verdict.value, fail_on)
 

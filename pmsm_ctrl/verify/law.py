@@ -7,7 +7,7 @@ What the second log has beside it, along the compensator's own feedforward, is t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,12 +72,14 @@ class Law:
     predicted: Array
 
 
-def fit_law(before: Record, after: Record) -> Law:
+def fit_law(before: Record, after: Record, progress: Callable[[float], None] = lambda share: None) -> Law:
     """Fit the law to two records.
 
     Parameters
     ----------
     before, after : Record
+    progress : function, optional
+        Called with the share done, 0 to 1.
 
     Returns
     -------
@@ -90,7 +92,8 @@ def fit_law(before: Record, after: Record) -> Law:
     retuned = rows.residual_rms(place) > policy.RETUNED * own
     if retuned:
         rows, place = apart, rough_place(apart)
-    whitener, near = _found(rows, place)
+    whitener, near = _found(rows, place, progress)
+    progress(1.0)
     where = _ends(near, after.period)
     gain, parts = (rows.gains(whitener, where, by_part=by_part) for by_part in (False, True))
     added, predicted = rows.added(whitener, near.place)
@@ -117,14 +120,14 @@ def _seen(record: Record, near: Profile) -> tuple[Sign | None, bool]:
     return sign, sign.width > policy.WIDEST_TOLD * own.peak
 
 
-def _found(rows: Rows, rough: Place) -> tuple[ChannelWhitener, Profile]:
+def _found(rows: Rows, rough: Place, progress: Callable[[float], None]) -> tuple[ChannelWhitener, Profile]:
     """Return the whitener and the place of what was added."""
     whitener = rows.whitener(rough)
-    near = profile(rows, whitener, rough)
+    near = profile(rows, whitener, rough, lambda share: progress(0.1 + 0.4 * share))
     if near.place.sign is None:
         return whitener, near
     whitener = rows.whitener(near.place)  # the rough width shifts the noise as well
-    near = profile(rows, whitener, near.place)
+    near = profile(rows, whitener, near.place, lambda share: progress(0.5 + 0.4 * share))
     free = freed(rows, whitener, near.place) if near.other else near.place
     if not free.free:
         return whitener, near

@@ -7,6 +7,7 @@ are found by what they leave of the current.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,7 +90,9 @@ def _around(place: Place, period: float, delays: Array, widths: Array) -> list[P
             for factor in widths.tolist() for shift in shifts]  # fmt: skip
 
 
-def profile(rows: Rows, whitener: ChannelWhitener, rough: Place) -> Profile:
+def profile(
+    rows: Rows, whitener: ChannelWhitener, rough: Place, progress: Callable[[float], None] = lambda share: None
+) -> Profile:
     """Return the place at which the whitened residual is least, and the intervals of delay and width.
 
     Parameters
@@ -97,16 +100,22 @@ def profile(rows: Rows, whitener: ChannelWhitener, rough: Place) -> Profile:
     rows : Rows
     whitener : ChannelWhitener
     rough : Place
+    progress : function, optional
+        Called with the share done, 0 to 1.
     """
     left = _Left(rows, whitener)
     period, apart = rows.records[1].period, 1.1 ** np.arange(-5.0, 6.0)
     places = _around(rough, period, np.linspace(-1.5, 1.5, 31), apart)
-    lost = [left(place) for place in places]
+    lost = []
+    for k, place in enumerate(places, start=1):
+        lost.append(left(place))
+        progress(0.5 * k / len(places))
     if rough.sign is not None and not rough.free:
         best = places[int(np.argmin(np.sum(lost, axis=1)))]
         near = _around(best, period, np.linspace(-0.1, 0.1, 5), 1.015 ** np.arange(-4.0, 5.0))
         stated = _around(Place(rows.rough_delay(None)[0]), period, np.linspace(-1.5, 1.5, 31), apart)
         places, lost = [*places, *near, *stated], [*lost, *map(left, [*near, *stated])]
+    progress(1.0)
     held = [places[k] for k in left.like_the_least(np.array(lost))]
     return Profile(
         held[0], min(held, key=lambda one: one.delay), max(held, key=lambda one: one.delay), min(held, key=_width),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,7 +34,9 @@ Array = NDArray[np.float64]
 NO_SIGN = 1e12  # rad/s (m/s), a dead zone that no speed leaves
 
 
-def verify(design: Design, before: Log, after: Log, *, seed: int = 0) -> Verification:
+def verify(
+    design: Design, before: Log, after: Log, *, seed: int = 0, progress: Callable[[float], None] = lambda share: None
+) -> Verification:
     """Find out from two logs what a downloaded compensator does.
 
     The controller's law is fitted to both logs: gains of position error, its integral, speed error and references
@@ -51,6 +53,8 @@ def verify(design: Design, before: Log, after: Log, *, seed: int = 0) -> Verific
         ``i_q_ref``, ``i_q`` or ``torque``.
     seed : int
         Of the noise in the simulation that tells what was promised.
+    progress : function, optional
+        Called with the share done, 0 to 1.
 
     Returns
     -------
@@ -69,7 +73,7 @@ def verify(design: Design, before: Log, after: Log, *, seed: int = 0) -> Verific
     channel = _channel(found)
     records = _records(design, found, channel)
     expected = design.compensation.gain or 1.0
-    law = _law(records, channel, expected)
+    law = _law(records, channel, expected, progress)
     notes: list[Notice] = []
     if (
         channel == "i_q_ref"
@@ -77,7 +81,7 @@ def verify(design: Design, before: Log, after: Log, *, seed: int = 0) -> Verific
         and all("i_q" in one for one in found)
     ):
         # some drives log what the speed controller asks for, and add the feedforward behind it
-        measured = _law(_records(design, found, "i_q"), "i_q", expected)
+        measured = _law(_records(design, found, "i_q"), "i_q", expected, progress)
         if _half(measured) < policy.VAGUE * expected and abs(measured.gain.value[1]) > policy.VAGUE * expected:
             channel, law = "i_q", measured
             notes.append(words.OTHER_CHANNEL())
@@ -162,14 +166,14 @@ def _unsigned(design: Design, channels: Mapping[str, Array], period: float) -> U
     return Unsigned(speed, none, {name: (one - none[name]) * sign for name, one in hard.items()})
 
 
-def _law(records: list[Record], channel: str, expected: float) -> Law:
+def _law(records: list[Record], channel: str, expected: float, progress: Callable[[float], None]) -> Law:
     """Return the law of two records, with what its sampling leaves in error."""
     kept = [cropped(one) for one in records]
     systematic = policy.SAMPLED
     if channel != "i_q_ref":
         width = max(1, round(policy.AVERAGED / kept[1].period))
         kept, systematic = [averaged(one, width) for one in kept], policy.MEASURED
-    law = fit_law(*kept)
+    law = fit_law(kept[0], kept[1], progress)
     own = (math.hypot(systematic, policy.SHAPED if law.shaped else 0.0) * expected) ** 2
     gain, parts = (replace(one, covariance=one.covariance + own * np.eye(len(one.names)))
                    for one in (law.gain, law.parts))  # fmt: skip
