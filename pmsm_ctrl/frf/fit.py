@@ -34,6 +34,9 @@ RIGID, TWO = 4, 7  # parameters
 STARTS, TRIED = 60, 5  # antiresonances on a grid, and the best that are refined
 RATIOS = (1.05, 1.3, 2.5)  # resonance over antiresonance, of the grid
 DAMPINGS = (0.005, 0.05)
+NO_INERTIA = (
+    60.0  # logarithm of an inertia, kg m^2, that noise alone can lead to: no axis has one of exp(-60) or exp(60)
+)
 LATEST, DELAYS = 3.0, 121  # delays to start from, in periods of the log, and how many
 STEP = float(np.sqrt(np.finfo(float).eps))  # of differences, for parameters of the size of 1
 BEYOND = 3.0  # antiresonances outside of the measured range by more are not looked for
@@ -132,7 +135,8 @@ def second_mass(values: Array) -> SecondMass | None:
 
 def _physical(values: Array) -> tuple[tuple[str, ...], Array]:
     names: tuple[str, ...] = ("J", "friction_slope", "delay")
-    found = [math.exp(values[0]), values[1], values[2]]
+    with np.errstate(over="ignore"):  # an inertia that noise alone leads to has no end
+        found = [float(np.exp(values[0])), values[1], values[2]]
     mass = second_mass(values)
     if mass is None:
         return names, np.array(found)
@@ -239,8 +243,9 @@ class _Task:
     def refined(self, start: Array) -> Array:
         scale = np.array([0.1, math.exp(start[0]), 1e-4, 0.3, 0.05, 0.3, 0.5])[: len(start)]
         slowest, fastest = math.log(self.omega[0] / BEYOND), math.log(self.omega[-1] * BEYOND)
-        lower = np.array([-math.inf] * RIGID + [slowest, -7.0, -9.0])[: len(start)]
-        upper = np.array([math.inf] * RIGID + [fastest, 3.0, 1.0])[: len(start)]
+        lower = np.array([-NO_INERTIA, *([-math.inf] * (RIGID - 1)), slowest, -7.0, -9.0])[: len(start)]
+        upper = np.array([NO_INERTIA, *([math.inf] * (RIGID - 1)), fastest, 3.0, 1.0])[: len(start)]
+        start = np.clip(start, lower, upper)
         found = least_squares(self.left, start, self.slope, x_scale=scale, bounds=(lower, upper), max_nfev=200)
         return np.asarray(found.x)
 

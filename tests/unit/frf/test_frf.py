@@ -16,7 +16,7 @@ from pmsm_ctrl import Design, Log, frf, simulate
 from pmsm_ctrl.cli import app, main
 from pmsm_ctrl.console import run
 from pmsm_ctrl.effects.structures import SecondMass
-from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.errors import LogError, NotExcitedError
 from pmsm_ctrl.evidence.local_polynomial import Local
 from pmsm_ctrl.frf import FrequencyResponse, Response
 from pmsm_ctrl.frf.fit import fit_axis
@@ -464,6 +464,13 @@ def test_steps_that_the_design_does_not_tell_are_doubted(seed: Design) -> None:
     log = simulate(seed, binary(seed, 2e-3), seed=11)
     other = seed.replace(sensor={"log_divider": 20})
     assert "frf_excitation_beyond_log" in [one.code for one in frf(other, log).notices]
+
+
+@pytest.mark.parametrize("speed", [2.0, 50.0])
+def test_noise_alone_leads_to_no_inertia(seed: Design, speed: float) -> None:
+    """The logarithm of the inertia ran away, and ended in a message of the solver."""
+    with pytest.raises(NotExcitedError, match="does not determine the inertia"):
+        frf(seed, simulate(seed, scenario("reversal", seed, speed=speed), seed=1))
 
 
 def test_a_log_without_excitation_is_refused(seed: Design) -> None:
