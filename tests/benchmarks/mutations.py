@@ -133,6 +133,8 @@ MUTATIONS = (
              "alike if alike.torque_error[0] > after", "alike if False", "unit/diagnose/test_lowering.py"),
     Mutation("gravity behind a gear: parts of the travel are not tried", "effects/load_gravity.py",
              "(stated, *(travel / part for part in PARTS))", "(stated,)", "unit/diagnose/test_load_gravity.py"),
+    Mutation("gravity behind a gear: a saturation is no rival", "effects/structures/interface.py",
+             "(bent_torque(balances) if turned else ())", "()", "unit/diagnose/test_load_gravity.py"),
     Mutation("lowering: beside a fit that is astray", "diagnose/written.py",
              "return given**2 < case.policy", "return given**2 < 0.0 * case.policy", "unit/diagnose/test_lowering.py"),
     Mutation("floor of joined records: that of the quietest", "diagnose/level.py",

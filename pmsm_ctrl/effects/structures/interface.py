@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.signals import INTERNAL
-from pmsm_ctrl.effects.structures.paths import drive_path, swings_of_angle
+from pmsm_ctrl.effects.structures.paths import bent_torque, drive_path, swings_of_angle
 from pmsm_ctrl.effects.structures.second_mass import SecondMass
 from pmsm_ctrl.effects.structures.views import Balances, Machine
 
@@ -301,12 +301,14 @@ class Structure(ABC):
         """Return what must not be taken for the effect, shape (n,) each, at the log's rate, as large as it may be.
 
         The effect is only named if it explains something beside all of these. Of a wave of a high order that is the
-        error of the encoder's lines: it swings the measured acceleration with the square of the speed.
+        error of the encoder's lines: it swings the measured acceleration with the square of the speed. Of one that is
+        longer than a turn it is a saturation as well.
         """
         if effect.enters != "torque":
             return []
         if not effect.order:
-            return drive_path(balances)
+            turned = effect.period and not balances.linear
+            return [*drive_path(balances), *(bent_torque(balances) if turned else ())]
         order = float(shape.get(effect.order, 0.0))
         if order < FEWEST_LINES or balances.linear or not float(np.log2(order)).is_integer():
             return []  # encoders whose signals are interpolated have a power of two of lines

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.structures.views import Balances
 
-__all__ = ["drive_path", "observed_path", "swings_of_angle"]
+__all__ = ["bent_torque", "drive_path", "observed_path", "swings_of_angle"]
 
 Array = NDArray[np.float64]
 
+BENT = 0.1  # share of the largest torque that a saturated motor lacks
 OBSERVERS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 4e-2)  # s, 1 / w of an observer of 4 to 160 Hz
 HIGHEST_SLOPE = 4  # derivatives of the acceleration: with two a filter over several periods still looks like a spring
 
@@ -36,6 +37,20 @@ def drive_path(balances: Balances) -> list[dict[str, Array]]:
             slope = tau * balances.rate_of(slope)
             columns.append(slope)
     return [{"torque": column} for column in columns]
+
+
+def bent_torque(balances: Balances) -> list[dict[str, Array]]:
+    """Return what a torque that is not in proportion to the current lacks, shape (n,) each, as large as it may be.
+
+    In motions of one frequency the position is the acceleration, and a smooth function of one is one of the other.
+
+    Parameters
+    ----------
+    balances : Balances
+    """
+    torque = balances.signals["torque"]
+    share = np.abs(torque) / max(float(np.max(np.abs(torque))), 1e-300)
+    return [{"torque": BENT * torque * share**power} for power in (1, 2)]
 
 
 def observed_path(balances: Balances) -> list[dict[str, Array]]:

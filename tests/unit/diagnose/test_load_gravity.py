@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, Log, compare, diagnose
+from tests.benchmarks.worlds.hidden import hidden_log
+from tests.benchmarks.worlds.world import draw
 from tests.effort import seeds
 
 RATIO, J, F_C, F_V = 20.0, 2e-4, 0.12, 8e-4
@@ -88,3 +90,11 @@ def test_two_records_keep_the_turns_between_their_positions(seed: int, zero: flo
     assert step.effect == "load_gravity"
     assert ("other_zero" in {notice.code for notice in found.notices}) == (zero != 0.0)
     assert step.parameters["period"].value / (2.0 * np.pi) == pytest.approx(RATIO, rel=1e-3)
+
+
+def test_a_saturation_is_no_gravity_where_the_position_is_the_acceleration() -> None:
+    """In slow sines a smooth function of one is one of the other: gravity explained a little more, by three values."""
+    world = draw(19800012, log_rate=250.0)
+    made = hidden_log(world, "torque_saturation", 5.37)
+    assert made is not None
+    assert [step.effect for step in diagnose(world.design, made[0], plan=False).steps] == ["torque_saturation"]
