@@ -72,7 +72,7 @@ def test_identify_reads_the_log_in_the_same_way(seed: int) -> None:
     """It took F_c for 0, and the viscous friction, which no such log tells, for known."""
     log = cascade(seed, hold=1e-3)
     found = identify(Design.from_dict(DESIGN), log)
-    assert found.relative_error < 0.01
+    assert found.relative_error < 0.05  # and not 97 %
     assert compare(found.design, log).log.errors["torque"].relative == pytest.approx(found.relative_error, rel=1e-6)
     assert found.estimates["F_c"].value == pytest.approx(F_C, rel=0.02)
     assert "F_v" in found.unidentifiable
