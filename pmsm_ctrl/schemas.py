@@ -112,7 +112,7 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
         {"verdict": {"enum": list(VERDICTS)}, "reasons": TEXTS, "log": TEXT, "errors": ERRORS, "records": RECORDS,
          "holdouts": _list(_record({"log": TEXT, "errors": ERRORS, "simulation": _list({"type": "object"})})),
          **DOUBTS},
-        {"holdout_log": _maybe(TEXT), "holdout_errors": _maybe(ERRORS)},
+        {},
     ),
     "diagnose": (
         "diagnosis",

@@ -201,7 +201,7 @@ class Comparison(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
-        log, other = self.log, self.holdout
+        log = self.log
         stretches = [
             {"start": s.start, "stop": s.stop, "rms": s.rms, "unit": log.errors["torque"].unit}
             | {"motion": {**vars(s.motion), "kind": s.motion.kind.value}}
@@ -226,9 +226,6 @@ class Comparison(Result):
                 {"log": one.name, "errors": _plain(one.errors), "simulation": [_plain_run(s) for s in one.simulated]}
                 for one in self.holdouts
             ],
-            "holdout_log": other and other.name,
-            "holdout_errors": other and _plain(other.errors),
-            "holdout_simulation": other and [_plain_run(s) for s in other.simulated],
         })  # fmt: skip
         return plain
 

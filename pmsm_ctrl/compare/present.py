@@ -39,11 +39,7 @@ def _(result: Comparison) -> Section:
             _verdict(result, _capital(found[0])),
             *(notice for notice in result.notices if notice not in result.reasons[:1]),
             *(_capital(sentence) for sentence in found[1:]),
-            *(
-                [sampled]
-                if (sampled := sampling_text(log.timing, names["torque"], log.timing_stderr)) is not None
-                else []
-            ),
+            *filter(None, (sampling_text(log.timing, names["torque"], log.timing_stderr),)),
             *_drift(records, names["torque"]),
             _errors(records, names),
             *by_record,

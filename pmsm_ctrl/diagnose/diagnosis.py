@@ -39,7 +39,7 @@ from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.held_out import same_as_log
-from pmsm_ctrl.diagnose.in_step import sampled_in_step
+from pmsm_ctrl.diagnose.in_step import as_in_step, sampled_in_step
 from pmsm_ctrl.diagnose.late import begun_late, better_late, not_ahead, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
@@ -256,10 +256,10 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
     selection = lowering(case, with_sampling_told(case, selection))
     selection = finally_fitted(case, selection.with_last_candidates())
     structure = None
-    if not selection.steps and astray(case, selection.fit):
-        pass  # what its own parameters make is no structure of the axis
-    elif same or _explains_most(case, selection):
+    if same or _explains_most(case, selection):
         structure = unexplained(selection, case.policy)
+        if structure is not None and not selection.steps and astray(case, selection.fit):
+            structure = None  # what its own parameters make is no structure of the axis
     else:  # what most of the torque is, no name can tell
         selection = Selection((case.fit(()),), (), selection.refused)
     experiment = next_experiment(case, selection) if plan else None
@@ -415,6 +415,7 @@ def condition(
         believed, made = late, Made.kept(late.log)
         record = timed_record(whole, believed.log, made, band)
     made.forget_models(record)
+    record = record if first is None else as_in_step(record, first.record)
     if shown is not None:
         record = for_design(record, whole)
         if first is not None and not anew and (record.cutoff, record.timing, record.age) == (

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.base_fit import torque_left
 from pmsm_ctrl.regression.filter_profile import LOWERED
-from pmsm_ctrl.regression.model import Solved
+from pmsm_ctrl.regression.notices import SAMPLED_IN_STEP
 from pmsm_ctrl.regression.sampling_terms import in_step
 from pmsm_ctrl.regression.timed_record import FRICTION
 
-__all__ = ["sampled_in_step"]
+__all__ = ["as_in_step", "sampled_in_step"]
 
 
 def sampled_in_step(case: Case, fit: Fitted) -> Case | None:
@@ -27,7 +27,10 @@ def sampled_in_step(case: Case, fit: Fitted) -> Case | None:
     """
     name = FRICTION["viscous"]
     column = fit.model.names.index(name) if name in fit.model.names else -1
-    if column not in fit.estimate.held or not _left(fit, fit.plain) < LOWERED * _left(fit, fit.estimate):
+    if column not in fit.estimate.held:
+        return None
+    free, held = (torque_left(fit.record, one) for one in (fit.plain, fit.estimate))
+    if not free < LOWERED * held:
         return None
     record = in_step(case.record, name, float(fit.plain.values[column]), float(fit.plain.stderr[column]))
     if record is None:
@@ -36,7 +39,14 @@ def sampled_in_step(case: Case, fit: Fitted) -> Case | None:
     return replace(case, record=record, holdouts=others, fits=[], bands={})
 
 
-def _left(fit: Fitted, solved: Solved) -> float:
-    """Weighted norm of what a solution leaves of the torque."""
-    left = fit.record.target[0] - solved.predicted()[0]
-    return float(np.linalg.norm(fit.record.weight[0] * fit.record.mask * left))
+def as_in_step(record: Record, like: Record) -> Record:
+    """Return a record that was conditioned again as one that was sampled in step, where the first one was.
+
+    Parameters
+    ----------
+    record, like : Record
+    """
+    if not like.in_step or record.in_step:
+        return record
+    said = (note for note in like.notes if note.code == SAMPLED_IN_STEP.code)
+    return replace(record, in_step=True, notes=(*record.notes, *said), memo={}, kept={})

@@ -21,7 +21,7 @@ from pmsm_ctrl.diagnose.result import Deviation, Verdict
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
 from pmsm_ctrl.regression.filters import low_pass
-from pmsm_ctrl.regression.notices import IN_STEP, timing_notice
+from pmsm_ctrl.regression.notices import SAMPLED_IN_STEP, timing_notice
 from pmsm_ctrl.regression.saturated import FEWEST_DIRECTIONS, SAMPLES_PER_DIRECTION
 from pmsm_ctrl.section import Notice
 
@@ -143,7 +143,7 @@ def open_questions(
             yield notices.EDGES_ABOVE_FLOOR(balance=balance, ratio=ratio)
     if fit.record.turning > policy.refused_share:
         yield notices.TURNS_TOO_OFTEN(percent=100.0 * fit.record.turning)
-    yield from (note for note in fit.record.notes if note.code == IN_STEP.code)
+    yield from (note for note in fit.record.notes if note.code == SAMPLED_IN_STEP.code)
     if not fit.record.timing.sure:
         yield timing_notice(fit.record.timing, fit.record.drive)
     for deviation in deviations:

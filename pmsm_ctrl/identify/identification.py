@@ -30,7 +30,7 @@ from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS, DriveTiming, Sampling
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import Problem
 from pmsm_ctrl.regression.least_squares import Fit
-from pmsm_ctrl.regression.notices import IN_STEP
+from pmsm_ctrl.regression.notices import SAMPLED_IN_STEP
 from pmsm_ctrl.regression.record_result import RecordResult, RecordSpread, record_notices
 from pmsm_ctrl.regression.timed_record import with_friction
 from pmsm_ctrl.result import Estimate, Result, jsonable
@@ -225,7 +225,7 @@ def identify(
     contradictions = (*believed.contradictions, *contradictions_of(design, fit))
     effective = None if contradictions else effective_only(made.found, made.record, used, made.sampling)
     advance(1.0)
-    held = [note for note in problem.notes if note.code == IN_STEP.code]
+    held = [note for note in problem.notes if note.code == SAMPLED_IN_STEP.code]
     notes = [note for note in problem.notes if note not in held]
     said = (
         *contradictions, *filter(None, (made.worse, effective)), *made.far, *held, *record_notices(made.several.rows),

@@ -27,8 +27,8 @@ from pmsm_ctrl.regression.spread import with_spread
 
 __all__ = [
     "SETTLED", "Accepted", "Estimated", "Settled", "assembled", "base_fit", "delay_of", "error_left", "estimated",
-    "false_torque", "laid_out_again", "reads_torque", "settled_model", "true_torque", "weighted", "with_bristles",
-    "with_priors",
+    "false_torque", "laid_out_again", "reads_torque", "settled_model", "torque_left", "true_torque", "weighted",
+    "with_bristles", "with_priors",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -137,8 +137,20 @@ def error_left(record: Record, fit: Estimated) -> float:
     fit : Estimated
         Of the base model to that record.
     """
+    return torque_left(record, fit.weighted)
+
+
+def torque_left(record: Record, solved: Solved) -> float:
+    """Return the same of a solution.
+
+    Parameters
+    ----------
+    record : Record
+    solved : Solved
+        Of a model on that record.
+    """
     weight = record.weight[0] * record.mask
-    left = (record.target[0] - fit.weighted.predicted()[0]) * weight
+    left = (record.target[0] - solved.predicted()[0]) * weight
     return float(np.linalg.norm(left)) / max(float(np.linalg.norm(record.target[0] * weight)), 1e-300)
 
 

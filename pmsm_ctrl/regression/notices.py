@@ -19,7 +19,6 @@ __all__ = [
     "ENCODER_LINES",
     "EQUAL_STEPS",
     "GAPS",
-    "IN_STEP",
     "LONG_LOG",
     "MEASUREMENT_EFFECT_LEFT_IN",
     "NO_REGRESSION",
@@ -28,6 +27,7 @@ __all__ = [
     "RECORD_DISAGREES",
     "RESAMPLED",
     "RESOLVER_ERROR",
+    "SAMPLED_IN_STEP",
     "SPEED_FOR_COARSE_ANGLE",
     "TORQUE_EDGES",
     "TORQUE_JUMPS",
@@ -111,8 +111,8 @@ TORQUE_EDGES = Template(
     "the {quantity} has edges between the samples: they falsify {percent:.2g} % of the samples by more than the noise, "
     "and these count less; a log of means over its period, or of a higher rate, holds the edges",
 )
-IN_STEP = Template(
-    "in_step",
+SAMPLED_IN_STEP = Template(
+    "sampled_in_step",
     "the {quantity} falls with the speed by {slope:.2g} {unit}, as no friction does: taken for a {quantity} that was "
     "sampled in step with a position reference that is held; this log does not tell {parameter}, and one of a higher "
     "rate or of means over its period does",

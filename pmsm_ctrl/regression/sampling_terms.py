@@ -27,7 +27,7 @@ from pmsm_ctrl.regression.drive_timing import (
     DriveTiming,
     emf_left,
 )
-from pmsm_ctrl.regression.notices import IN_STEP as IN_STEP_SAMPLED
+from pmsm_ctrl.regression.notices import SAMPLED_IN_STEP
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["FILTERED", "Term", "in_step", "instant_terms", "sampling_terms", "speed_terms"]
@@ -142,7 +142,7 @@ def in_step(record: Record, symbol: str, slope: float, stderr: float) -> Record 
     if not SURE * stderr < -slope < largest_step(record):
         return None
     unit = axis_unit("N m s/rad", record.prepared.motion)
-    said = IN_STEP_SAMPLED(quantity=record.drive, slope=-slope, unit=unit, parameter=symbol)
+    said = SAMPLED_IN_STEP(quantity=record.drive, slope=-slope, unit=unit, parameter=symbol)
     return replace(record, in_step=True, notes=(*record.notes, said), memo={}, kept={})
 
 

@@ -10,6 +10,9 @@ import pytest
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.diagnosis import condition
+from pmsm_ctrl.diagnose.in_step import sampled_in_step
+from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from tests.effort import seeds
@@ -59,12 +62,26 @@ def test_it_is_taken_for_sampling_and_friction_stays_right(seed: int) -> None:
     """With F_v held at zero the model missed most of the torque: F_c came out too small, and structure was left."""
     log = cascade(seed, hold=1e-3)
     found = diagnose(Design.from_dict(DESIGN), log, plan=False)
-    assert [notice.code for notice in found.notices if notice.code == "in_step"]
+    assert [notice.code for notice in found.notices if notice.code == "sampled_in_step"]
     assert found.verdict == "inconclusive"
     assert found.steps == ()
     assert found.design.parameters("coulomb")["F_c"] == pytest.approx(F_C, rel=0.02)
     compared = compare(found.design, log).log.errors["torque"].relative
     assert compared == pytest.approx(found.errors["final"]["torque"]["relative"], rel=1e-3)
+
+
+def test_a_log_that_is_conditioned_again_stays_one() -> None:
+    """It is conditioned with the first effect that is found, and in other bands."""
+    design, log = Design.from_dict(DESIGN), cascade(1, hold=1e-3)
+    case = condition(design, log, (), {}, POLICY)
+    held = sampled_in_step(case, case.fit(()))
+    assert held is not None
+    assert held.conditioned_with is not None
+    assert held.in_band is not None
+    for again in (held.conditioned_with(design, held), held.in_band(band=20.0, first=held)):
+        assert again.record.in_step
+        assert [note.code for note in again.record.notes].count("sampled_in_step") == 1
+    assert not case.conditioned_with(design, case).record.in_step  # type: ignore[misc]
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
@@ -76,11 +93,11 @@ def test_identify_reads_the_log_in_the_same_way(seed: int) -> None:
     assert compare(found.design, log).log.errors["torque"].relative == pytest.approx(found.relative_error, rel=1e-6)
     assert found.estimates["F_c"].value == pytest.approx(F_C, rel=0.02)
     assert "F_v" in found.unidentifiable
-    assert "in_step" in [notice.code for notice in found.notices]
+    assert "sampled_in_step" in [notice.code for notice in found.notices]
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_reference_that_is_not_held_shows_nothing_of_it(seed: int) -> None:
     found = diagnose(Design.from_dict(DESIGN), cascade(seed, hold=5e-5), plan=False)
-    assert "in_step" not in [notice.code for notice in found.notices]
+    assert "sampled_in_step" not in [notice.code for notice in found.notices]
     assert found.steps == ()

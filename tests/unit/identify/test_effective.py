@@ -94,7 +94,7 @@ def test_the_doubts_that_matter_stand_first() -> None:
     assert codes[:2] == ["effective_values", "parameter_at_bound"]
     assert "irregular_time" in codes[2:]
     codes = [notice.code for notice in identify(DESIGN, log).notices]  # the sampling may make such a torque as well
-    assert codes[:2] == ["effective_values", "in_step"]
+    assert codes[:2] == ["effective_values", "sampled_in_step"]
     assert "irregular_time" in codes[2:]
 
 
