@@ -82,8 +82,8 @@ AS_SENSOR = Template(
 )
 BEYOND_LOG = Template(
     "beyond_log",
-    "{effect}: {parameter} is at least {value:.3g}: the log is too short to show the final value; the size of the "
-    "effect within the log is determined",
+    "{effect}: {parameter} is at least {value:.3g}: the log is too short to tell how much larger; the size of "
+    "the effect within the log is determined",
 )
 ESTIMATE_AT_BOUND = Template(
     "estimate_at_bound",

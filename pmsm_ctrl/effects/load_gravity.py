@@ -24,8 +24,9 @@ def search(log: LogView) -> Search:
     if not few:
         return Search((), 1, "the axis turns by less than half of the shortest period behind a gear")
     standing = [one for one in log.periods(STRONGEST)[0].tolist() if one >= SHORTEST][:TRIED]
+    ends = (SHORTEST, travel / PARTS[0])  # a longer one is a constant load, and a slope
     possible = len(few) + int(travel / SHORTEST)
-    return Search(tuple({"period": one} for one in (*few, *standing)), possible)
+    return Search(tuple({"period": one} for one in dict.fromkeys((*few, *standing, *ends))), possible)
 
 
 effect = Effect(
@@ -37,7 +38,9 @@ effect = Effect(
     parameters=(
         Parameter("a_s", "N m", 0.0, -inf, inf, "sine part, A cos(phi), at the motor", linear=True),
         Parameter("a_c", "N m", 0.0, -inf, inf, "cosine part, A sin(phi), at the motor", linear=True),
-        Parameter("period", "rad", 125.7, 6.3, 1e5, "turn of the load at the motor: 2 pi times the gear ratio"),
+        Parameter(
+            "period", "rad", 125.7, 6.3, 1e5, "turn of the load at the motor: 2 pi times the gear ratio", within_grid=True
+        ),
     ),
     term=term,
     search=search,
