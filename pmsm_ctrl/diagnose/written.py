@@ -32,7 +32,7 @@ def lowering(case: Case, selection: Selection) -> Selection:
 
     A fit weighs the samples, and has times of sampling of its own: what it gains by them is no gain of the design.
     Where most of what is left is noise, they decide which of two designs leaves less of it, and nothing is told.
-    Beside a fit that is astray an effect may only lead it back.
+    Beside a fit that is astray an effect may only lead it back, unless it lowers what the given design leaves.
 
     Parameters
     ----------
@@ -43,7 +43,8 @@ def lowering(case: Case, selection: Selection) -> Selection:
         return selection
     designs = [fitted_design(case.design, fit) for fit in selection.fits]
     left, kept = [rms for rms, _ in _as_compared(case, designs)], len(selection.steps)
-    if astray(case, selection.fits[0]):
+    enough = case.policy.explained_torque
+    if astray(case, selection.fits[0]) and left[-1] ** 2 >= enough * _of(case, case.as_given) ** 2:
         return _without(case, selection, 0, Refusal(Reason.REFIT_WORSE))
     while kept and left[kept] > case.policy.unchanged * left[kept - 1]:
         kept -= 1
@@ -66,10 +67,13 @@ def astray(case: Case, fit: Fitted) -> bool:
     """
     if case.believed is None:
         return False
-    given, refitted = (
-        predict(one, case.record).torque_error[0] for one in (case.as_given, fitted_design(case.design, fit))
-    )
+    given, refitted = _of(case, case.as_given), _of(case, fitted_design(case.design, fit))
     return given**2 < case.policy.explained_torque * refitted**2
+
+
+def _of(case: Case, design: Design) -> float:
+    """Return the rms of what a design leaves of the torque."""
+    return predict(design, case.record).torque_error[0]
 
 
 def _without(case: Case, selection: Selection, kept: int, why: Refusal) -> Selection:

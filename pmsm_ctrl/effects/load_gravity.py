@@ -39,8 +39,9 @@ effect = Effect(
         Parameter("a_s", "N m", 0.0, -inf, inf, "sine part, A cos(phi), at the motor", linear=True),
         Parameter("a_c", "N m", 0.0, -inf, inf, "cosine part, A sin(phi), at the motor", linear=True),
         Parameter(
-            "period", "rad", 125.7, 6.3, 1e5, "turn of the load at the motor: 2 pi times the gear ratio", within_grid=True
-        ),
+            "period", "rad", 125.7, 6.3, 1e5, "turn of the load at the motor: 2 pi times the gear ratio",
+            within_grid=True,
+        ),  # fmt: skip
     ),
     term=term,
     search=search,

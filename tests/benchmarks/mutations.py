@@ -137,6 +137,8 @@ MUTATIONS = (
              "(bent_torque(balances) if turned else ())", "()", "unit/diagnose/test_load_gravity.py"),
     Mutation("lowering: beside a fit that is astray", "diagnose/written.py",
              "return given**2 < case.policy", "return given**2 < 0.0 * case.policy", "unit/diagnose/test_lowering.py"),
+    Mutation("lowering: nothing beside a fit that is astray", "diagnose/written.py",
+             "left[-1] ** 2 >= enough", "1e9 >= enough", "unit/diagnose/test_lowering.py"),
     Mutation("floor of joined records: that of the quietest", "diagnose/level.py",
              "    if record.counts:\n", "    if False:\n", "unit/diagnose/test_several_logs.py"),
     Mutation("detent force: both parts are sines", "effects/detent_force.py",
