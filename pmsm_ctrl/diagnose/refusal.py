@@ -82,7 +82,7 @@ WORDS: Mapping[Reason, str] = {
     "too often for its direction to be known",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
-    Reason.REFIT_WORSE: "rejected: the refitted design leaves more of the torque than the given one, with it hardly less",
+    Reason.REFIT_WORSE: "rejected: the refitted design leaves more torque than the given one, with it hardly less",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",
     Reason.OUT_OF_TOLERANCE: "rejected: moves {parameter} from {before:.3g} to {value:.3g}, out of its tolerance",
     Reason.NOT_DETERMINED: "rejected: {parameter} = {value:.3g} +- {stderr:.2g}, not determined by this log",

@@ -39,9 +39,8 @@ effect = Effect(
         Parameter("a_s", "N m", 0.0, -inf, inf, "sine part, A cos(phi), at the motor", linear=True),
         Parameter("a_c", "N m", 0.0, -inf, inf, "cosine part, A sin(phi), at the motor", linear=True),
         Parameter(
-            "period", "rad", 125.7, 6.3, 1e5, "turn of the load at the motor: 2 pi times the gear ratio",
-            within_grid=True,
-        ),  # fmt: skip
+            "period", "rad", 125.7, 6.3, 1e5, "turn of the load at the motor: 2 pi times the gear", within_grid=True
+        ),
     ),
     term=term,
     search=search,
