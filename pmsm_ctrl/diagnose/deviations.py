@@ -79,7 +79,7 @@ def _machine(design: Design, selection: Selection, policy: Policy) -> Iterator[D
     for name, (value, error, nominal, tolerance) in machine_of(design, fit, policy.tolerance).items():
         outside = abs(value - nominal) - tolerance * nominal > policy.sure_errors * error
         flagged = outside and _is_seen(fit, fit.model.names.index(name), _edge(nominal, value, tolerance), policy)
-        doubt = _doubted(selection, name, value, _edge(nominal, value, tolerance), policy) if flagged else ""
+        doubt = _doubted(selection, name, (value, error), _edge(nominal, value, tolerance), policy) if flagged else ""
         if flagged and name == "J":
             doubt = inertia_doubted(fit, value / nominal - 1.0, tolerance, policy)
         flagged = flagged and not doubt
@@ -90,26 +90,24 @@ def _machine(design: Design, selection: Selection, policy: Policy) -> Iterator[D
         yield Deviation(name, nominal, value, error, unit, outside, flagged, note)
 
 
-def _doubted(selection: Selection, name: str, value: float, edge: float, policy: Policy) -> str:
+def _doubted(selection: Selection, name: str, found: tuple[float, float], edge: float, policy: Policy) -> str:
     """Return why a parameter of the winding beyond the end of its tolerance is none of the motor; empty where it is.
 
-    Where an effect was named that resembles it, the parameter is known no better than the effect's shape: an error of
-    the shape moves it by a share of what the effect itself moved it. An effect that was refused may be what it is. A
-    torque constant comes from psi_f.
+    No motor has a resistance of nothing. Where an effect was named that resembles it, the parameter is known no better
+    than the effect's shape: an error of the shape moves it by a share of what the effect itself moved it. An effect
+    that was refused may be what it is. A torque constant comes from psi_f.
     """
     if name not in WINDING:
         return ""
-    if value <= 0.0:
-        return "no motor has one below zero: an effect of another shape than the model's resembles it"
+    value, error = found
+    if value <= policy.sure_errors * error:
+        return "not surely above zero, as that of every motor: an effect of another shape than the model's resembles it"
     doubt = negative_friction(selection.fit, policy) if name == "psi_f" else ""
     if doubt := doubt or _restored_by(selection.fit, policy):
         return doubt
-    found = [float(fit.plain.values[fit.model.names.index(name)]) for fit in selection.fits]
+    each = [float(fit.plain.values[fit.model.names.index(name)]) for fit in selection.fits]
     moved, by = max(
-        (
-            (abs(after - before), step)
-            for before, after, step in zip(found[:-1], found[1:], selection.steps, strict=True)
-        ),
+        ((abs(after - before), step) for before, after, step in zip(each[:-1], each[1:], selection.steps, strict=True)),
         key=lambda one: one[0],
         default=(0.0, None),
     )
