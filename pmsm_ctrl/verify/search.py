@@ -82,12 +82,30 @@ def _refined(rows: Rows, rough: float, peak: float, curved: bool) -> tuple[float
     return float(table[i, j]), Place(centre, Sign(float(widths[i]), curved))
 
 
-def _around(place: Place, period: float, delays: Array, widths: Array) -> list[Place]:
+def _grid(place: Place, period: float, delays: Array, widths: Array) -> list[list[Place]]:
+    """Return places about one, a row for each width; a single row where the width is not searched."""
     shifts = (place.delay + period * delays).tolist()
     if place.sign is None or place.free:
-        return [replace(place, delay=shift) for shift in shifts]
-    return [Place(shift, Sign(place.sign.width * factor, place.sign.curved))
-            for factor in widths.tolist() for shift in shifts]  # fmt: skip
+        return [[replace(place, delay=shift) for shift in shifts]]
+    return [
+        [Place(shift, Sign(place.sign.width * factor, place.sign.curved)) for shift in shifts]
+        for factor in widths.tolist()
+    ]
+
+
+def _grown(left: _Left, grid: list[list[Place]], progress: Callable[[float], None]) -> dict[Place, Array]:
+    """Return what the places of a grid leave: every few of them, those like the best, and all beside these."""
+    known: dict[tuple[int, int], Array] = {}
+    asked = {(i, j) for i in range(len(grid) // 2 % 2, len(grid), 2) for j in range(0, len(grid[0]), policy.APART)}
+    while asked:
+        for i, j in sorted(asked):
+            known[i, j] = left(grid[i][j])
+            progress(len(known) / (len(grid) * len(grid[0])))
+        at = list(known)
+        like = [at[k] for k in left.like_the_least(np.array(list(known.values())))]
+        beside = {(i + down, j + right) for i, j in like for down in (-1, 0, 1) for right in (-1, 0, 1)}
+        asked = {(i, j) for i, j in beside if 0 <= i < len(grid) and 0 <= j < len(grid[0])} - known.keys()
+    return {grid[i][j]: one for (i, j), one in known.items()}
 
 
 def profile(
@@ -105,16 +123,14 @@ def profile(
     """
     left = _Left(rows, whitener)
     period, apart = rows.records[1].period, 1.1 ** np.arange(-5.0, 6.0)
-    places = _around(rough, period, np.linspace(-1.5, 1.5, 31), apart)
-    lost = []
-    for k, place in enumerate(places, start=1):
-        lost.append(left(place))
-        progress(0.5 * k / len(places))
+    found = _grown(left, _grid(rough, period, np.linspace(-1.5, 1.5, 31), apart), lambda share: progress(0.5 * share))
     if rough.sign is not None and not rough.free:
-        best = places[int(np.argmin(np.sum(lost, axis=1)))]
-        near = _around(best, period, np.linspace(-0.1, 0.1, 5), 1.015 ** np.arange(-4.0, 5.0))
-        stated = _around(Place(rows.rough_delay(None)[0]), period, np.linspace(-1.5, 1.5, 31), apart)
-        places, lost = [*places, *near, *stated], [*lost, *map(left, [*near, *stated])]
+        best = min(found, key=lambda one: float(found[one].sum()))
+        near = _grid(best, period, np.linspace(-0.1, 0.1, 5), 1.015 ** np.arange(-4.0, 5.0))
+        stated = _grid(Place(rows.rough_delay(None)[0]), period, np.linspace(-1.5, 1.5, 31), apart)
+        found |= _grown(left, near, lambda share: progress(0.5 + 0.25 * share))
+        found |= _grown(left, stated, lambda share: progress(0.75 + 0.25 * share))
+    places, lost = list(found), list(found.values())
     progress(1.0)
     held = [places[k] for k in left.like_the_least(np.array(lost))]
     return Profile(
