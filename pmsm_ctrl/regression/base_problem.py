@@ -33,6 +33,7 @@ __all__ = ["Based", "based"]
 
 Array = NDArray[np.float64]
 
+FALLING = np.array([0.01, 0.03, 0.1, 0.3])  # of the highest speed, over which a friction may fall
 FREE = 1e6  # times what would explain the whole torque: as good as free
 
 
@@ -83,12 +84,28 @@ def based(design: Design, log: Log) -> Based:
     if viscous is None or (other := in_step(timed, FRICTION["viscous"], viscous.free, viscous.stderr)) is None:
         return found
     again = _based(design, log, other)
-    return again if _left(again) < LOWERED * _left(found) else found
+    return again if _left(again) < min(LOWERED * _left(found), _left_by_curves(found)) else found
 
 
 def _left(found: Based) -> float:
     """Weighted norm of what the fit leaves of the torque."""
     return float(np.linalg.norm(found.record.weight[0] * found.record.mask * found.fit.residual))
+
+
+def _left_by_curves(found: Based) -> float:
+    """Return what is left at least with a friction that falls towards a level, in place of one along a straight line.
+
+    Friction of the base model has one slope: that of a curve that falls is below zero as well.
+    """
+    rows, names = found.record.weight[0] * found.record.mask, [one.symbol for one in found.problem.columns]
+    speed, dry = np.abs(found.problem.omega), found.problem.columns[names.index(FRICTION["coulomb"])].values
+    others = [one.values for one in found.problem.columns if one.symbol != FRICTION["viscous"]]
+    left = []
+    for width in FALLING * float(np.max(speed)):
+        matrix = rows[:, None] * np.column_stack([*others, dry * np.exp(-speed / width)])
+        target = rows * found.problem.target
+        left.append(np.linalg.norm(target - matrix @ np.linalg.lstsq(matrix, target, rcond=None)[0]))
+    return float(min(left))
 
 
 def _based(design: Design, log: Log, timed: Record) -> Based:

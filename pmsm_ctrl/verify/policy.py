@@ -35,7 +35,7 @@ AT_REST = 1e-6
 # Standard errors, and expected gains, by which the gain of a part may differ from that of all parts: a drive takes its
 # parts from one download. More is an error of what was assumed of the drive.
 ODD_ERRORS, ODD = 4.0, 3.0
-# Delays of a grid of 31 that are looked at first are so far apart, and widths two; then those like the best are followed.
+# Steps between the delays of a grid that are looked at first, of 31; then those like the best are followed.
 APART = 5
 # Times the delay may move on to the end of what was tried.
 MOVES = 4
