@@ -39,7 +39,7 @@ def _(result: Comparison) -> Section:
             _verdict(result, _capital(found[0])),
             *(notice for notice in result.notices if notice not in result.reasons[:1]),
             *(_capital(sentence) for sentence in found[1:]),
-            *filter(None, (sampling_text(log.timing, names["torque"], log.timing_stderr),)),
+            *filter(None, (_sampled(log, names["torque"]),)),
             *_drift(records, names["torque"]),
             _errors(records, names),
             *by_record,
@@ -51,6 +51,11 @@ def _(result: Comparison) -> Section:
         ),
         essential=by_record,
     )
+
+
+def _sampled(log: Record, drive: str) -> str | None:
+    """Return how the drive signal was sampled; a doubt where most of the residual's mean square is no noise."""
+    return sampling_text(log.timing, drive, log.timing_stderr, log.ratios.get("torque", 1.0) ** 2 > 2.0)
 
 
 def _drift(records: Iterable[tuple[str, Record]], drive: str) -> Iterator[str]:

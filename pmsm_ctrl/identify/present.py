@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.identify.identification import Identification
-from pmsm_ctrl.identify.notices import OPEN_LOOP
+from pmsm_ctrl.identify.notices import EFFECTIVE_VALUES, OPEN_LOOP
 from pmsm_ctrl.identify.paper import PaperRow, PaperTable
 from pmsm_ctrl.identify.policy import LARGE_ERROR
 from pmsm_ctrl.identify.staircase import SweepResult
@@ -57,7 +57,8 @@ def _(result: Identification) -> Section:
         blocks.append(records_table(result.records, quantity, "of the design", "identified"))
         if (drift := spread_sentence(result.spreads)) is not None:
             blocks.append(drift)
-    if (sampled := sampling_text(result.timing, quantity, result.sampling.stderr)) is not None:
+    lacking = any(note.code == EFFECTIVE_VALUES.code for note in result.notices)
+    if (sampled := sampling_text(result.timing, quantity, result.sampling.stderr, lacking)) is not None:
         blocks.append(sampled)
     if result.unidentifiable:
         lost = tuple((name, why.text, why.code) for name, why in result.unidentifiable.items())

@@ -160,7 +160,9 @@ def timing_notice(timing: DriveTiming, quantity: str) -> Notice:
     return DRIVE_LATE(quantity=quantity, delay=1e3 * timing.delay)
 
 
-def sampling_text(timing: DriveTiming, quantity: str, stderr: float = 0.0) -> str | None:
+def sampling_text(
+    timing: DriveTiming, quantity: str, stderr: float = 0.0, lacking: bool = False
+) -> str | None:  # fmt: skip
     """Return how the drive signal was sampled; None where it was in time with the position, as far as the log tells.
 
     Parameters
@@ -170,10 +172,13 @@ def sampling_text(timing: DriveTiming, quantity: str, stderr: float = 0.0) -> st
         The word for what drives the axis: torque or force.
     stderr : float
         Standard error of the delay, s; 0 where it is not known.
+    lacking : bool
+        Whether the model leaves more than noise: what it lacks is met by another time as well.
     """
     late, lag, error = 1e3 * timing.late, 1e3 * timing.lag, 1e3 * stderr
     parts = [f"was filtered, time constant {lag:.3g} ms"] if lag >= SHOWN_MS else []
     if abs(late) >= max(SHOWN_MS, SURELY * error):
         size = with_error(abs(late), error) if error > 0.0 else f"{abs(late):.3g}"
         parts.append(f"is {size} ms {'later' if late > 0.0 else 'earlier'} than the position")
-    return f"Sampling: the {quantity} {' and '.join(parts)} (corrected)." if parts else None
+    doubt = "; an effect that the model lacks may look like it" if lacking else ""
+    return f"Sampling: the {quantity} {' and '.join(parts)} (corrected{doubt})." if parts else None

@@ -450,3 +450,6 @@ def test_sampling_is_said_with_its_error(late: float, stderr: float, said: str |
     """Half a millisecond stood there with three digits, of a log in which nothing was late."""
     text = sampling_text(DriveTiming(late), "torque", stderr)
     assert said in text if said and text else text is said
+    doubted = sampling_text(DriveTiming(late), "torque", stderr, lacking=True)
+    doubt = "; an effect that the model lacks may look like it"
+    assert doubted == (text.replace(").", f"{doubt}).") if text else None)
