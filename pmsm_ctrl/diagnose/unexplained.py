@@ -22,7 +22,7 @@ from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Structure
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Selection, name_of
-from pmsm_ctrl.effects.structures.paths import drive_path, observed_path
+from pmsm_ctrl.effects.structures.paths import drive_path, observed_path, voltage_path
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import Group
@@ -116,6 +116,8 @@ def beside_path(fit: Fitted) -> Fitted:
     """
     record = fit.record
     parts = [*drive_path(record), *observed_path(record)]
+    if len(record.channels) > 1:
+        parts += voltage_path(record)
     symbols = tuple(f"path {k + 1}" for k in range(len(parts)))
     model = fit.model.plus(Group(None, symbols, record.stack_all(parts), {}), 1.0)
     plain = solve_model(record, model, fit.weights, fit.plain)

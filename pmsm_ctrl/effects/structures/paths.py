@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.structures.views import Balances
 
-__all__ = ["bent_torque", "drive_path", "observed_path", "swings_of_angle"]
+__all__ = ["bent_torque", "drive_path", "observed_path", "swings_of_angle", "voltage_path"]
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,30 @@ def drive_path(balances: Balances) -> list[dict[str, Array]]:
             slope = tau * balances.rate_of(slope)
             columns.append(slope)
     return [{"torque": column} for column in columns]
+
+
+def voltage_path(balances: Balances) -> list[dict[str, Array]]:
+    """Return what lies between logged voltages and speed and those that act, shape (n,) each, as large as it may be.
+
+    A voltage that is late, averaged or filtered lacks a part of its slope, and of the slope of that. So does its
+    back-emf by a speed that was.
+
+    Parameters
+    ----------
+    balances : Balances
+    """
+    s, tau, motor = balances.signals, balances.period, balances.design.motor
+    columns = []
+    for name in (one for one in ("u_d", "u_q") if one in s):
+        starts = [s[name]]
+        if name == "u_q" and not balances.angle:
+            starts.append((motor.p or 0.0) * (motor.psi_f or 0.0) * s["omega"])
+        for start in starts:
+            slope = start
+            for _ in range(2):
+                slope = tau * balances.rate_of(slope)
+                columns.append({name: slope})
+    return columns
 
 
 def bent_torque(balances: Balances) -> list[dict[str, Array]]:
