@@ -233,9 +233,11 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
     moving = without_edges(moving, good & ~between_records(log, t, 0.0), round(EDGE * rate / cutoff))
     # A drive that runs at the log's own rate holds its torque between samples: nothing is missed then.
     decimated = design.motor.electrical and design.drive.f_control > 1.5 * rate
-    spikes = torque_jumps(raw["torque"] if "torque" in raw else raw["i_q"]) if decimated else np.arange(0)
+    around = round(2.0 * rate / cutoff)  # samples before and after a jump; of more jumps nothing would be left
+    drive = raw["torque"] if "torque" in raw else raw["i_q"]
+    spikes = torque_jumps(drive, 0.5 / around) if decimated else np.arange(0)
     for k in spikes:
-        moving[max(0, k - round(2.0 * rate / cutoff)) : k + round(2.0 * rate / cutoff)] = False
+        moving[max(0, k - around) : k + around] = False
     if len(spikes):
         notes = (*notes, words.TORQUE_JUMPS(percent=100.0 * len(spikes) / len(t)))
     keep = np.arange(0, len(t), _step(rate, cutoff))

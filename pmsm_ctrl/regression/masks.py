@@ -44,15 +44,17 @@ def resting(omega: Array, slow: float, memory: int, blank: bool, through_reversa
     return rest
 
 
-def torque_jumps(torque: Array) -> NDArray[np.int64]:
+def torque_jumps(torque: Array, most: float = 1.0) -> NDArray[np.int64]:
     """Return the samples after which the torque jumps: its course until the next one was not sampled, and is aliased.
 
     It is the answer of a stiff loop to a step of its reference, not the torque of a motion that the log can follow.
+    None where more than the share `most` of all steps are so large: the answer to steps of a coarse encoder is noise.
     """
     step = np.abs(np.diff(torque))
     span = float(np.subtract(*np.quantile(torque, [0.9999, 0.0001])))
     scatter = 1.4826 * float(np.median(step))
-    return np.flatnonzero(step > max(JUMP_SHARE * span, JUMP_SCATTER * scatter))
+    jumps = np.flatnonzero(step > max(JUMP_SHARE * span, JUMP_SCATTER * scatter))
+    return jumps if len(jumps) <= most * len(step) else jumps[:0]
 
 
 def without_edges(moving: Mask, good: Mask, edge: int) -> Mask:

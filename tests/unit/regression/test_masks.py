@@ -42,6 +42,15 @@ def test_a_jump_of_the_torque_is_no_slope() -> None:
     assert torque_jumps(ramp + np.where(np.arange(400) >= 100, 1.0, 0.0)).tolist() == [99]
 
 
+def test_what_jumps_at_every_seventh_sample_is_noise_and_no_jump() -> None:
+    """The answer of a drive to steps of its encoder: a whole record was left out, and "moves for 0 s"."""
+    torque = 1e-3 * np.sin(0.01 * np.arange(4000)) + np.where(np.arange(4000) % 7 == 0, 0.4, 0.0)
+    assert len(torque_jumps(torque)) > 1000
+    assert len(torque_jumps(torque, 0.02)) == 0
+    torque[700:] = 1.0
+    assert len(torque_jumps(torque, 0.1)) == 200  # two at each of 99 pulses, one behind the first, one at the end
+
+
 def test_edges_and_gaps_are_cut() -> None:
     good = ~samples("..........xx............")
     kept = without_edges(np.ones(24, dtype=bool), good, 2)
