@@ -47,8 +47,9 @@ def motion_of(omega: Array, fast: float) -> Motion:
     top, mean = float(size.max()), float(omega.mean())
     direction = 1 if mean > 0.0 else -1
     whole = Motion(Kind.REST, direction, 0.0, top)
-    if top <= policy.AT_REST * fast:
-        return whole
+    if top <= policy.AT_REST * fast:  # as slow as this an axis may still move steadily
+        steady = abs(mean) > float(omega.std())
+        return Motion(Kind.CONSTANT, direction, abs(mean), abs(mean)) if steady else whole
     spread = float(np.ptp(omega))
     turns = int(np.sum(np.diff(np.sign(omega[size > 0.02 * top])) != 0))
     if turns:

@@ -149,6 +149,8 @@ def test_even_noise_has_no_worst_stretch(rng: np.random.Generator) -> None:
         (np.linspace(0.0, 5.0, 50), "starting forward, up to 5 rad/s"),
         (-5.0 * np.abs(np.linspace(-1.0, 0.6, 50)), "stop and go backward, up to 5 rad/s"),
         (np.zeros(50), "at rest"),
+        (0.02 * (np.arange(50) % 2 - 0.5), "at rest"),
+        (np.full(50, 0.1) + 0.02 * (np.arange(50) % 2 - 0.5), "constant +0.1 rad/s"),
         (np.sin(np.linspace(0.0, 30.0, 200)), "back and forth, up to 1 rad/s"),
     ],
 )
