@@ -98,8 +98,7 @@ def next_step(
         case "export":
             words = ("verify", "BEFORE", "AFTER", "--design", _exported(given))
         case "verify":
-            after = ("track", given["after"], "--design", design, *_mapped(given))
-            words = ("compensate", design) if verdict == "limit_cycle" else after
+            words = _after_verification(given, verdict, design)
         case "study":
             words = _after_study(given)
         case "effects" if not given.get("identifier"):
@@ -110,6 +109,15 @@ def next_step(
     if own and words and words[0] not in WITHOUT_EFFECTS and "--effects" not in words:
         words = (*words, "--effects", own.path)
     return " ".join(["pmsm-ctrl", *(_shown(str(word)) for word in words)]) if words else ""
+
+
+def _after_verification(given: Mapping[str, Any], verdict: str, design: Any) -> tuple[Any, ...]:
+    """Return how to follow a compensator that acts, and how to look again after the drive was changed."""
+    if verdict == "limit_cycle":
+        return "compensate", design
+    if verdict in ("applied", "inconclusive"):
+        return "track", given["after"], "--design", design, *_mapped(given)
+    return "verify", given["before"], "AFTER", "--design", design, *_mapped(given)
 
 
 def _after_fleet(given: Mapping[str, Any], verdict: str) -> tuple[Any, ...]:

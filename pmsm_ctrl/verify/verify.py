@@ -222,6 +222,8 @@ def _judged(
     parts = _parts(law, expected)
     measured = changes(*errors) if same_motion(*logs) else {}
     verdict = _verdict(law, expected, parts, weight, errors, logs[1].period)
+    if verdict is Outcome.NOT_APPLIED:  # nothing has no sign
+        law = replace(law, sign=None)
     notes += [*_of_sign(design, logs[1], law), *_of_law(law, expected, parts, weight)]
     notes += _of_errors(errors, measured, wanted, judged=verdict in (Outcome.APPLIED, Outcome.LATE))
     notes += _of_samples(design, logs, channel)

@@ -135,6 +135,14 @@ TYPED = {"tune": ["tune", "a.toml"], "frf": ["frf", "l.csv", "--design", "a.toml
 TYPED |= {"diagnose": ["diagnose", "l.csv", "--design", "a.toml"]}
 
 
+@pytest.mark.parametrize(("verdict", "follows"), [
+    ("applied", "track a.csv"), ("wrong_sign", "verify b.csv AFTER"), ("not_applied", "verify b.csv AFTER"),
+    ("limit_cycle", "compensate a.toml"),
+])  # fmt: skip
+def test_a_drive_that_is_to_be_changed_is_verified_again(verdict: str, follows: str) -> None:
+    assert next_step("verify", GIVEN["verify"], verdict, ["verify"]).startswith(f"pmsm-ctrl {follows}")
+
+
 @pytest.mark.parametrize("verdict", ["consistent", "effects_missing", "inconclusive", "implausible"])
 @pytest.mark.parametrize("verb", GIVEN)
 def test_the_next_command_exists(verb: str, verdict: str) -> None:

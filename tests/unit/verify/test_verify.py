@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -19,6 +20,8 @@ from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.simulate import Scenario, scenario
 from pmsm_ctrl.simulate.fed_forward import fed_currents
 from pmsm_ctrl.verify.figures import added
+from pmsm_ctrl.verify.law import Law, fit_law
+from pmsm_ctrl.verify.record import Record, Sign
 from tests.effort import amount, slow
 from tests.unit.verify.downloads import WAYS, applied, logs_of, verified_design
 
@@ -105,6 +108,21 @@ def test_fewer_channels_tell_the_same(
 ) -> None:
     found = verify(design, without(before, *left_out), without(after(way), *left_out))
     assert found.verdict.value == VERDICTS[way]
+
+
+def test_what_is_not_applied_has_no_sign_of_the_speed(
+    design: Design, before: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A log beside itself: the gain was 0.000, and its sign smoothed over 1.73 +- 0.38 rad/s."""
+
+    def smoothed_law(before: Record, after: Record, progress: Callable[[float], None]) -> Law:
+        return replace(fit_law(before, after, progress), sign=Sign(1.73), width_low=1.3, width_high=2.79)
+
+    monkeypatch.setattr(sys.modules["pmsm_ctrl.verify.verify"], "fit_law", smoothed_law)
+    found = verify(design, before, before)
+    assert found.verdict.value == "not_applied"
+    assert found.smoothing is None
+    assert "verify_smoothed_sign" not in {notice.code for notice in found.notices}
 
 
 def test_feedforward_behind_the_logged_reference_is_found_in_the_current(
