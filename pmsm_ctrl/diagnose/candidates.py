@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import LogView, Search
 from pmsm_ctrl.errors import RequestError, nearest
-from pmsm_ctrl.evidence.waves import highest_over_position, strongest_periods
+from pmsm_ctrl.evidence.waves import FINER, PERIODS, highest_over_position, strongest_periods
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.residuals.orders import order_spectrum
 
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 # The low-pass, a Butterworth filter of fourth order run both ways, passes 1 / (1 + (f / cutoff)^8) of a wave.
 FADING = 8
+MOST_WAVES = 300  # along the way of a linear axis that are looked for where they are slow
 TWO_PERIODS = 4.0 * np.pi  # rad of a wave, from which on it is no constant
 
 
@@ -66,15 +67,17 @@ def varied(grid: Sequence[Mapping[str, float]], shape: Iterable[str]) -> list[st
     return [name for name in shape if len({one[name] for one in grid if name in one}) > 1]
 
 
-def passing_orders(record: Record, residual: Array, highest: int) -> Array:
+def passing_orders(record: Record, residual: Array, highest: int, length: float = 2.0 * np.pi) -> Array:
     """Return how much each order of a turn stands out of the residual where the filter lets it pass, shape (highest,).
 
     A high order passes for moments only, around reversals: too few samples for a spectrum of the slow ones, and yet
     a wave that fades with the speed as the filter makes it fade can be most of what is left. Each score is the gain of
-    the sum of squares over the residual's per sample; 0 for an order of which less than two periods pass.
+    the sum of squares over the residual's per sample; 0 for an order of which less than two periods pass. On a linear
+    axis orders are those of any `length`, m.
     """
     used = np.flatnonzero(record.mask)
-    omega = np.abs(record.at_grid(record.signals["omega"]))[used]
+    turn = 2.0 * np.pi / length
+    speed = turn * np.abs(record.at_grid(record.signals["omega"]))[used]
     weight = record.weight[0][used]
     r = residual[used] * weight
     noise = float(np.mean(r**2))
@@ -82,15 +85,31 @@ def passing_orders(record: Record, residual: Array, highest: int) -> Array:
         return np.zeros(highest)
     from pmsm_ctrl.kernels.orders import faded_sums
 
-    theta = record.at_grid(record.signals["theta"])[used]
-    faded = (omega / (2.0 * np.pi * record.cutoff)) ** FADING
+    angle = turn * record.at_grid(record.signals["theta"])[used]
+    faded = (speed / (2.0 * np.pi * record.cutoff)) ** FADING
     rights, grams, travelled = np.zeros((highest, 2)), np.zeros((highest, 2, 2)), np.zeros(highest)
-    signals = np.stack([weight, r, omega])
-    faded_sums(np.cos(theta), np.sin(theta), faded, float(FADING), signals, rights, grams, travelled)
+    signals = np.stack([weight, r, speed])
+    faded_sums(np.cos(angle), np.sin(angle), faded, float(FADING), signals, rights, grams, travelled)
     passing = np.arange(1, highest + 1) * travelled / record.rate >= TWO_PERIODS
     rights[~passing], grams[~passing] = 0.0, 0.0
     gains: Array = np.einsum("ki,kij,kj->k", rights, np.linalg.pinv(grams, hermitian=True), rights)
     return gains / noise
+
+
+def passing_periods(record: Record, residual: Array, number: int) -> tuple[Array, int]:
+    """Return the periods, m, of waves along a linear axis that stand out most where the filter lets them pass.
+
+    And how many waves there can be. Those over the whole log do not show a wave that most of the motion is too fast
+    for: see `passing_orders`.
+    """
+    length = FINER * float(np.ptp(record.signals["theta"]))
+    highest = FINER * MOST_WAVES
+    score = passing_orders(record, residual, highest, length)
+    inner = score[1:-1]
+    peaks = 1 + np.flatnonzero((inner >= score[:-2]) & (inner > score[2:]))
+    peaks = peaks[peaks + 1 >= FINER * PERIODS]
+    best = peaks[np.argsort(score[peaks])[::-1][:number]]
+    return length / (1.0 + best[score[best] > 0.0]), MOST_WAVES - PERIODS
 
 
 def candidates_for(
@@ -109,7 +128,11 @@ def candidates_for(
         used = record.weight[0] * record.mask > 0.0
         theta, omega = (record.at_grid(record.signals[name])[used] for name in ("theta", "omega"))
         values = (residual * record.weight[0] ** 2)[used]
-        return strongest_periods([(values, theta)], highest_over_position(theta, omega, record.cutoff), number)
+        slow = strongest_periods([(values, theta)], highest_over_position(theta, omega, record.cutoff), number)
+        if not record.linear:
+            return slow
+        fast = passing_periods(record, residual, number)
+        return np.concatenate([slow[0], fast[0]]), max(slow[1], fast[1])
 
     view = LogView(record, residual, orders, periods)
     present = set(present)

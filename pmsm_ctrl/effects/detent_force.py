@@ -9,6 +9,7 @@ from pmsm_ctrl.effects.structures import LogView, Search
 from pmsm_ctrl.kernels import kernel
 
 TRIED = 4  # periods that are tried
+OF_POLES = (1, 2, 6)  # periods of the force in a pair of poles: of offsets, of the pitch of the magnets, of slots
 BESIDE = 0.05  # of a wave over the whole travel: how much longer and shorter each is tried as well
 
 
@@ -23,11 +24,12 @@ def search(log: LogView) -> Search:
     if not log.balances.linear:
         return Search((), 1, "on a rotary axis what repeats has an order of a turn")
     periods, possible = log.periods(TRIED)
-    if not len(periods):
+    travel, p = log.travel, log.balances.design.motor.p
+    poles = [] if p is None else [one for share in OF_POLES if 4.0 * (one := 2.0 * pi / (share * p)) <= travel]
+    if not len(periods) and not poles:
         return Search((), 1, "no four periods lie within the travel, or none is passed slowly enough")
-    travel = log.travel
     beside = [travel / (travel / one + shift) for one in periods.tolist() for shift in (0.0, BESIDE, -BESIDE)]
-    return Search(tuple({"period": one} for one in beside), possible)
+    return Search(tuple({"period": one} for one in (*beside, *poles)), max(possible, 1) + len(poles))
 
 
 effect = Effect(

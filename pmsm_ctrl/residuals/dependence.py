@@ -19,7 +19,7 @@ from pmsm_ctrl.evidence.residual import Bench, Noise, Outcome, bench, noise_of
 from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.regression.conditioning import Prepared
 from pmsm_ctrl.residuals import policy
-from pmsm_ctrl.residuals.coordinates import Curve, Drive, curves, grid_coordinates, with_orders
+from pmsm_ctrl.residuals.coordinates import TIME, Curve, Drive, curves, grid_coordinates, with_orders
 
 __all__ = [
     "Dependence",
@@ -370,7 +370,8 @@ def _chosen(case: _Case, made: list[Curve], alone: Mapping[str, Outcome | None])
             break
         best = max(found.share for _, found in good)
         alike = [(c, f) for c, f in good if f.share >= policy.ALIKE * best]
-        curve, found = min(alike, key=lambda pair: (pair[0].own.shape[1], -pair[1].share))
+        # whatever a motion does one after the other is a function of the time as well
+        curve, found = min(alike, key=lambda pair: (pair[0].name == TIME, pair[0].own.shape[1], -pair[1].share))
         # gains of a cross-validation need not add up to the whole
         named[curve.name] = (rank, min(found.share, 1.0 - sum(share for _, share in named.values())))
         taken = sorted({*taken, *case.base[curve.name], *case.own[curve.name]})
