@@ -109,7 +109,7 @@ def passing_periods(record: Record, residual: Array, number: int) -> tuple[Array
     peaks = 1 + np.flatnonzero((inner >= score[:-2]) & (inner > score[2:]))
     peaks = peaks[peaks + 1 >= FINER * PERIODS]
     best = peaks[np.argsort(score[peaks])[::-1][:number]]
-    return length / (1.0 + best[score[best] > 0.0]), MOST_WAVES - PERIODS
+    return np.asarray(length / (1.0 + best[score[best] > 0.0]), dtype=np.float64), MOST_WAVES - PERIODS
 
 
 def candidates_for(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.search import Trial, direction_of, try_group
+from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.regression.two_stage import beside_held
 
@@ -22,6 +24,7 @@ Array = NDArray[np.float64]
 
 # The least share of a column that the model has not for it to be compared: a tenth of what it takes to be tried.
 BARELY = 1e-3
+SAME_PERIOD = 0.01  # share by which the period of a wave may differ from that of the poles
 
 
 def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) -> tuple[str, ...]:
@@ -111,16 +114,35 @@ def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:
     effect, found = trial.candidate.effect, []
     for rival in (case.effects[name] for name in effect.look_alikes if name in case.effects):
         p = case.design.motor.p
-        if effect.order and rival.electrical_order:
-            turn = 1 if "p" in effect.signals else p  # of the electrical angle, or of the shaft
+        if (effect.order or effect.period) and rival.electrical_order:
+            order = _electrical_order(effect, trial.group.shape, p)
             untried = any(one.effect.id == rival.id for one in fit.closed)
-            its_own = turn is not None and trial.group.shape[effect.order] == turn * rival.electrical_order
+            its_own = order is not None and abs(order / rival.electrical_order - 1.0) < SAME_PERIOD
             if p is None or (untried and its_own):
                 found.append(rival.id)
-        elif effect.electrical_order and rival.order and p is not None and not rival.falsifies_current:
-            turn = 1 if "p" in rival.signals else p  # of the electrical angle, or of the shaft
-            shape = {rival.order: float(turn * effect.electrical_order)}
+        elif not rival.falsifies_current and (shape := _at_order(case, effect, rival)):
             group = beside_held(effect_group(fit.record, rival, shape), fit.model.responses)
             other = try_group(*trial.judge, Candidate(rival, (shape,)), group)
             found += equivalents(trial, [replace(other, plain_judge=trial.plain_judge)], case.policy)
     return tuple(found)
+
+
+def _electrical_order(effect: Effect, shape: Mapping[str, float], p: float | None) -> float | None:
+    """Return how often a wave repeats in an electrical turn; None where that is not known."""
+    if effect.period:
+        return None if p is None else 2.0 * math.pi / (p * shape[effect.period])
+    turn = 1.0 if "p" in effect.signals else p  # of the electrical angle, or of the shaft
+    return None if turn is None else shape[effect.order] / turn
+
+
+def _at_order(case: Case, effect: Effect, rival: Effect) -> dict[str, float]:
+    """Return the shape at which a wave has the electrical order of an effect; empty where it has none."""
+    p = case.design.motor.p
+    if not effect.electrical_order or p is None:
+        return {}
+    linear = case.record.linear
+    if linear and rival.period:
+        return {rival.period: 2.0 * math.pi / (p * effect.electrical_order)}
+    if not rival.order or (linear and "p" not in rival.signals):
+        return {}
+    return {rival.order: float((1 if "p" in rival.signals else p) * effect.electrical_order)}

@@ -35,6 +35,7 @@ effect = Effect(
     needs="slow turns at clearly different torques",
     look_alikes={
         "torque_ripple": "with order 2 they make the same torque",
+        "detent_force": "at constant force, with half the period of a pair of poles of a linear motor",
         "psi_f": "the common scale is a wrong torque constant unless voltages are logged",
         "K_t": "the common scale is a wrong torque constant",
     },

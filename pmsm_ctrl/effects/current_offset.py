@@ -32,5 +32,6 @@ effect = Effect(
     look_alikes={
         "torque_ripple": "with order 1 at constant torque they are the same",
         "cogging": "with the order of the pole pairs they are the same",
+        "detent_force": "with the period of a pair of poles of a linear motor they are the same",
     },
 )

@@ -234,8 +234,9 @@ class Structure(ABC):
             return "it shows in the voltages alone, and this log has no u_d and u_q"
         if "p" in effect.signals and motor.p is None:
             return "the design does not know the pole pairs"
-        if balances.linear and not effect.period and ("theta" in effect.signals or "theta" in effect.channels):
-            return "a linear axis has no known period of position"
+        by_turn = "theta" in (*effect.signals, *effect.channels) and "p" not in effect.signals
+        if balances.linear and by_turn and not effect.period:
+            return "a linear axis has no turn"
         absent = [s for s in effect.signals if s not in balances.signals and s not in INTERNAL]
         return f"the log has no {', '.join(absent)}" if absent else ""
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pmsm_ctrl import compare, diagnose
+from pmsm_ctrl import compare, diagnose, simulate
 from tests.effort import seeds, slow
+from tests.linear_motors import linear_motor
 from tests.slides import MOTIONS, slide
 
 PERIOD = 0.024  # m
@@ -58,3 +59,27 @@ def test_nothing_is_named_without_one(motion: str, seed: int) -> None:
     one = slide(motion, seed, {})
     found = diagnose(one.design, one.log, plan=False)
     assert (found.verdict, found.steps) == ("consistent", ())
+
+
+@pytest.mark.parametrize("period", [0.004, 0.002])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
+def test_it_is_named_where_most_of_the_motion_is_too_fast_for_it(period: float, seed: int) -> None:
+    """It passes the band at the ends of the moves: such logs were `consistent` at four times the error that is left."""
+    one = slide("moves", seed, {period: (2.0, 0.0)})
+    found = diagnose(one.design, one.log, plan=False)
+    assert [step.effect for step in found.steps] == ["detent_force"]
+    assert found.steps[0].parameters["period"].value == pytest.approx(period, rel=1e-3)
+
+
+@pytest.mark.parametrize(("effect", "values"), [
+    ("current_offset", {"o_alpha": 0.05, "o_beta": -0.03}), ("current_gain", {"g_c": 0.03, "g_s": 0.01}),
+    ("dead_time", {"dU": 6.0, "i_0": 0.05}),
+])  # fmt: skip
+def test_errors_of_current_and_voltage_are_found_on_a_linear_motor(effect: str, values: dict[str, float]) -> None:
+    """Its electrical angle follows from the position and `p`: an offset was a detent force, and the others nothing."""
+    design = linear_motor().design
+    log = simulate(design, "identification", truth=design.with_effect(effect, values), seed=3)
+    (step,) = diagnose(design, log, plan=False).steps
+    assert step.effect == effect
+    for name, value in values.items():
+        assert step.parameters[name].value == pytest.approx(value, rel=0.2)
