@@ -103,7 +103,7 @@ def _doubted(selection: Selection, name: str, found: tuple[float, float], edge: 
     if value <= policy.sure_errors * error:
         return "not surely above zero, as that of every motor: an effect of another shape than the model's resembles it"
     doubt = negative_friction(selection.fit, policy) if name == "psi_f" else ""
-    if doubt := doubt or _restored_by(selection.fit, policy):
+    if doubt := doubt or _restored_by(selection.fit, policy) or _coarse(selection.fit, name):
         return doubt
     each = [float(fit.plain.values[fit.model.names.index(name)]) for fit in selection.fits]
     moved, by = max(
@@ -169,6 +169,14 @@ def _restored_by(fit: Fitted, policy: Policy) -> str:
         and winding_return(fit.plain, trial.plain_direction) > policy.returned
     ]
     return f"outside its tolerance, but not sure: {' or '.join(ids)} would bring it back" if ids else ""
+
+
+def _coarse(fit: Fitted, name: str) -> str:
+    """Say that a parameter acts above all in a voltage that is no larger than an error of its steps."""
+    record, column = fit.record, fit.model.matrix[:, :, fit.model.names.index(name)]
+    row = int(np.argmax(np.sum((column * record.mask) ** 2, axis=1)))
+    size = float(np.sqrt(np.mean(record.target[row][record.mask] ** 2)))
+    return f"not sure: {record.channels[row]} is no larger than its steps" if record.coarse[row] > size else ""
 
 
 def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Policy = POLICY) -> Iterator[Notice]:

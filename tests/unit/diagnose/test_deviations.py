@@ -54,10 +54,27 @@ def test_a_resistance_is_flagged_where_no_named_effect_can_be_it(
     assert ("dead_time resembles it" in R.note) == (not flagged and found[-1] > 0.1)
 
 
-def selected(found: tuple[float, ...]) -> Any:
-    """Steps of dead time, and what R was before the first and after each."""
-    model = SimpleNamespace(names=("R",), nominal=np.array([2.0]), group_of=lambda k: SimpleNamespace(effect=None))
-    record = SimpleNamespace(sampling_stated=True, prepared=SimpleNamespace(motion="rotary", signals={}))
+@pytest.mark.parametrize(("steps", "flagged"), [(0.9, True), (1.1, False)])
+def test_a_parameter_that_acts_in_a_voltage_below_its_steps_is_not_flagged(
+    steps: float, flagged: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Steps of 0.1 V, of a u_d of 0.02 V: L_q was 84 % too small with a standard error of 8 %."""
+    monkeypatch.setattr(deviations, "seen_beyond", lambda *_: 1.0)
+    (R,) = parameter_deviations(believed(R=2.0, tolerance={"R": 0.3}), selected((4.0,), steps))
+    assert (R.outside, R.flagged) == (True, flagged)
+    assert flagged or R.note == "not sure: u_q is no larger than its steps"
+
+
+def selected(found: tuple[float, ...], steps: float = 0.0) -> Any:
+    """Steps of dead time, and what R was before the first and after each; errors of the steps of a voltage of 1 V."""
+    model = SimpleNamespace(
+        names=("R",), nominal=np.array([2.0]), group_of=lambda k: SimpleNamespace(effect=None),
+        matrix=np.stack([np.zeros((8, 1)), np.ones((8, 1))]),
+    )  # fmt: skip
+    record = SimpleNamespace(
+        sampling_stated=True, prepared=SimpleNamespace(motion="rotary", signals={}), mask=np.ones(8, dtype=bool),
+        channels=("torque", "u_q"), coarse=np.array([0.0, steps]), target=np.ones((2, 8)),
+    )  # fmt: skip
     fits = []
     for value in found:
         solved = SimpleNamespace(values=np.array([value]), stderr=np.array([0.01]))
