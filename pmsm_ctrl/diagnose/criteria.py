@@ -57,19 +57,19 @@ class Machine(NamedTuple):
     tolerance: float
 
 
-def signs(independent: bool, physical: bool) -> Refusal | None:
+def signs(independent: bool, outside: str) -> Refusal | None:
     """Check that an effect has columns of its own, with parameters that physics allows.
 
     Parameters
     ----------
     independent : bool
         Whether the effect's columns differ from the model's on this log.
-    physical : bool
-        Whether its parameters lie inside their bounds.
+    outside : str
+        Which of its parameters lies outside of its bounds, and the bound; empty where none does.
     """
     if not independent:
         return Refusal(Reason.NOT_INDEPENDENT)
-    return None if physical else Refusal(Reason.PARAMETER_AT_BOUND)
+    return Refusal(Reason.PARAMETER_AT_BOUND, {"what": outside}) if outside else None
 
 
 def significance(p_holm: float, policy: Policy = POLICY) -> Refusal | None:
@@ -145,14 +145,17 @@ def cross_validation(
         Whether the mean gain has to exceed zero by twice as many standard errors, whatever the other tests say.
     """
     if twice and found.gain <= 2.0 * policy.block_errors * found.stderr:
-        return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
+        return _not_confirmed(found, 2.0 * policy.block_errors)
     expected = policy.expected_share * float(np.sqrt(max(whole, 0.0)))
     asked = min(max(expected, policy.first_block_errors), policy.block_errors) if first else policy.block_errors
     sure = found.gain > asked * found.stderr or found.p_rank < 0.5 * policy.significance or returned > policy.impossible
     sure = sure or found.limited > policy.block_errors
-    if sure and found.gain > 0.0:
-        return None
-    return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
+    return None if sure and found.gain > 0.0 else _not_confirmed(found, asked)
+
+
+def _not_confirmed(found: CrossValidation, asked: float) -> Refusal:
+    """Return the refusal with the number of standard errors that the gain has to exceed zero by."""
+    return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr, "asked": asked})
 
 
 def along_the_way(found: CrossValidation, by_time: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
@@ -185,9 +188,8 @@ def barely_confirmed(found: CrossValidation, policy: Policy = POLICY) -> Refusal
     found : CrossValidation
     policy : Policy
     """
-    if found.gain > policy.first_block_errors * found.stderr:
-        return None
-    return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
+    sure = found.gain > policy.first_block_errors * found.stderr
+    return None if sure else _not_confirmed(found, policy.first_block_errors)
 
 
 def beside_rivals(
@@ -401,7 +403,7 @@ def determined(
     policy : Policy
     """
     if ran_out:
-        return Refusal(Reason.PARAMETER_AT_BOUND)
+        return Refusal(Reason.PARAMETER_AT_BOUND, {"what": "a parameter of its shape at the end of its range"})
     free = {name: one for name, one in values.items() if not math.isnan(one[1])}  # not what is held
     if not free:
         return None

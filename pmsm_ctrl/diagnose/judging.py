@@ -103,7 +103,7 @@ def judge_trial(
     -------
     Refusal or Evidence
     """
-    refusal = criteria.signs(not trial.singular, not trial.wrong_sign) or criteria.significance(p_holm, policy)
+    refusal = criteria.signs(not trial.singular, trial.outside) or criteria.significance(p_holm, policy)
     if refusal is not None:
         return refusal
     minor_too = minor_too and not trial.candidate.effect.structure.never_minor(trial.group.shape)

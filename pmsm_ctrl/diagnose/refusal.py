@@ -57,13 +57,13 @@ BESIDE_NOISE = frozenset({
 
 WORDS: Mapping[Reason, str] = {
     Reason.NOT_INDEPENDENT: "not distinguishable from the model on this log",
-    Reason.PARAMETER_AT_BOUND: "rejected: parameter at its bound",
+    Reason.PARAMETER_AT_BOUND: "rejected: {what}",
     Reason.NOT_SIGNIFICANT: "not significant (p = {p:.2g}, Holm)",
     Reason.TOO_SMALL: "significant but too small: {percent:.2g} % of the balance where it acts",
     Reason.BESIDE_LARGER: "significant but too small beside the accepted effects: {percent:.2g} % of the balance, "
     "within the model error of an effect of {largest:.2g} %",
     Reason.MINOR: "significant but minor: {percent:.2g} % of the residual above the noise floor",
-    Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
+    Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain}; {asked:.2g} standard errors are needed)",
     Reason.ONE_PATH: "not confirmed by cross-validation over the position (gain {gain}): the motion repeats itself, so "
     "that whatever is left repeats with the position as well; motion over other positions would tell",
     Reason.EXPLAINED_BY_RIVALS: "explained to {percent:.0f} % by channel timing, channel filters, harmonics of a "

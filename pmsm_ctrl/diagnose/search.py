@@ -82,8 +82,8 @@ class Trial:
     values, stderr : array, shape (k,)
     judge, plain_judge : (Solved, Whitener)
         Solution and weights from which `direction` and `plain_direction` follow.
-    wrong_sign : bool
-        Whether a parameter lies where physics does not allow it.
+    outside : str
+        Which parameter lies where physics does not allow it, and the bound; empty where none does.
     singular : bool
         Whether the model has its columns already.
     by_weights : bool
@@ -100,11 +100,16 @@ class Trial:
     values: Array
     stderr: Array
     judge: tuple[Solved, Whitener]
-    wrong_sign: bool = False
+    outside: str = ""
     singular: bool = False
     by_weights: bool = False
     plain_gain: float = 0.0
     plain_judge: tuple[Solved, Whitener] | None = None
+
+    @property
+    def wrong_sign(self) -> bool:
+        """Whether a parameter lies where physics does not allow it."""
+        return bool(self.outside)
 
     @property
     def direction(self) -> Array:
@@ -241,7 +246,7 @@ def _best_of(
 ) -> Trial | None:
     """Return the trial of the highest score, one of the right sign where there is any; None without a shape."""
     order = sorted(shapes, key=lambda shape: -_score(candidate, shape[0], shape[1], judge[0]))
-    signed = (shape for shape in order if not shape[1].rank or not _wrong_sign(*shape, judge[0]))
+    signed = (shape for shape in order if not shape[1].rank or not _outside(*shape, judge[0]))
     best = next(signed, order[0] if order else None)
     return None if best is None else tried(candidate, *best, judge)
 
@@ -287,7 +292,7 @@ def tried(candidate: Candidate, group: Group, own: Added, judge: tuple[Solved, W
     p = f_tail(own.gain / k, k, max(solved.rows - solved.rank - k, 1)) * max(candidate.searched, 1)
     values = own.values
     return Trial(
-        candidate, group, own.gain, score, min(1.0, p), values, own.stderr, judge, _wrong_sign(group, own, solved)
+        candidate, group, own.gain, score, min(1.0, p), values, own.stderr, judge, _outside(group, own, solved)
     )
 
 
@@ -389,16 +394,16 @@ def plain_evidence(
     return gain, min(1.0, p)
 
 
-def _wrong_sign(group: Group, own: Added, solved: Solved) -> bool:
-    """Whether a linear parameter lies where physics does not allow it; not where rounding alone puts it there."""
+def _outside(group: Group, own: Added, solved: Solved) -> str:
+    """Return which linear parameter lies where physics does not allow it; not where rounding alone puts it there."""
     assert group.effect is not None
     bounds = group.effect.structure.bounds(group.effect, solved.known, group.shape)
     for symbol, value, size in zip(group.symbols, own.values.tolist(), own.size.tolist(), strict=True):
         low, high = bounds[symbol]
         slack = NEGLIGIBLE / max(size, 1e-300)
         if not low - slack <= value <= high + slack:
-            return True
-    return False
+            return f"{symbol} at its bound {low if value < low else high:.3g}"
+    return ""
 
 
 def blocked_gain(

@@ -425,7 +425,7 @@ def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     # left-out data do not confirm it as an effect, and confirm, or not, that something like it is missing
     # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called impossible
     policy = replace(POLICY, impossible=np.inf, excess=0.03, small_size=1e-4)
-    refused = Refusal(Reason.NOT_CONFIRMED, {"gain": gain, "stderr": 1.0})
+    refused = Refusal(Reason.NOT_CONFIRMED, {"gain": gain, "stderr": 1.0, "asked": 2.8})
     for name in ("cross_validation", "barely_confirmed"):
         monkeypatch.setattr(f"pmsm_ctrl.diagnose.criteria.{name}", lambda *args, **given: refused)
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80), policy)

@@ -20,14 +20,16 @@ def reason(refusal: Refusal | None) -> Reason | None:
 
 
 @pytest.mark.parametrize(
-    ("independent", "physical", "expected"),
+    ("independent", "outside", "expected"),
     [
-        (True, True, None), (False, True, Reason.NOT_INDEPENDENT), (True, False, Reason.PARAMETER_AT_BOUND),
-        (False, False, Reason.NOT_INDEPENDENT),
+        (True, "", None), (False, "", Reason.NOT_INDEPENDENT), (True, "k at its bound 0", Reason.PARAMETER_AT_BOUND),
+        (False, "k at its bound 0", Reason.NOT_INDEPENDENT),
     ],
 )  # fmt: skip
-def test_signs(independent: bool, physical: bool, expected: Reason | None) -> None:
-    assert reason(criteria.signs(independent, physical)) is expected
+def test_signs(independent: bool, outside: str, expected: Reason | None) -> None:
+    found = criteria.signs(independent, outside)
+    assert reason(found) is expected
+    assert expected is not Reason.PARAMETER_AT_BOUND or str(found) == "rejected: k at its bound 0"
 
 
 def test_significance() -> None:
@@ -84,7 +86,7 @@ def test_cross_validation_asks_for_so_many_standard_errors() -> None:
     assert confirmed(2.81)
     assert not confirmed(2.79)
     assert str(criteria.cross_validation(CrossValidation(3590.0, 3512.0, 16, 0.5), 1e4, 0.0, True)) == (
-        "not confirmed by cross-validation (gain 3600 ± 3500)"
+        "not confirmed by cross-validation (gain 3600 ± 3500; 2.8 standard errors are needed)"
     )
 
 

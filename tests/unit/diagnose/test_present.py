@@ -33,13 +33,14 @@ STRIBECK = DiagnosisStep(
     errors(0.05), errors(0.02), errors(0.06), errors(0.03),
     {"p_holm": 0.0, "blocks": 16, "block_gain": 5234.0, "block_stderr": 262.0},
 )  # fmt: skip
+AT_END = {"what": "dU at its bound 0"}
 RANKING = (
     Ranked("stribeck", 0.4, 0.0),
     Ranked("constant_load", 0.001, 0.3, Refusal(Reason.NOT_SIGNIFICANT, {"p": 0.9}),
            {"T_0": Estimate(0.000594, "N m")}),
     Ranked("unbalance", 0.001, 0.3, Refusal(Reason.NOT_SIGNIFICANT, {"p": 0.9}),
            {"a_s": Estimate(0.00021, "N m"), "a_c": Estimate(0.0002, "N m")}),
-    Ranked("dead_time", 0.001, 1.0, Refusal(Reason.PARAMETER_AT_BOUND), {"dU": Estimate(float("inf"), "V")}),
+    Ranked("dead_time", 0.001, 1.0, Refusal(Reason.PARAMETER_AT_BOUND, AT_END), {"dU": Estimate(float("inf"), "V")}),
 )  # fmt: skip
 
 
@@ -133,7 +134,7 @@ def test_the_table_of_candidates_says_what_the_log_would_have_shown(found: Diagn
     assert [row[-1] for row in _candidates(found).rows] == [
         "not significant (p = 0.9, Holm); detectable here above 0.59 mN m",
         "not significant (p = 0.9, Holm); detectable here above a_s 0.21 mN m, a_c 0.2 mN m",
-        "rejected: parameter at its bound; not detectable on this log",
+        "rejected: dU at its bound 0; not detectable on this log",
     ]
 
 
@@ -192,7 +193,7 @@ def resembling(
         trials=(trial,), solved=SimpleNamespace(chi2=100.0), plain=SimpleNamespace(rows=4, chi2=1000.0), record=record,
         weights=SimpleNamespace(channel=np.array([0, 0, 1, 1])), residual=np.stack([0.0 * t, np.sin(20.0 * t)]),
     )  # fmt: skip
-    refused = {"compliance": Refusal(reason, {"gain": left_out, "stderr": 2.0})}
+    refused = {"compliance": Refusal(reason, {"gain": left_out, "stderr": 2.0, "asked": 2.8})}
     return resemblance(SimpleNamespace(fit=fit, refused=refused), POLICY)  # type: ignore[arg-type]
 
 

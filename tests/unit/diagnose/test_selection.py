@@ -41,7 +41,7 @@ def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> 
         "p_value": 0.0,
         "plain": None,
         "singular": False,
-        "wrong_sign": False,
+        "outside": "",
         "row": 0,
     } | changed
     candidate = SimpleNamespace(
@@ -57,7 +57,8 @@ def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> 
     return SimpleNamespace(
         candidate=candidate, group=SimpleNamespace(shape={}, entering=((values["row"], None),)),
         direction=np.array(direction or [0.0]), plain_direction=np.array(values["plain"] or direction or [0.0]),
-        p_value=values["p_value"], singular=values["singular"], wrong_sign=values["wrong_sign"],
+        p_value=values["p_value"], singular=values["singular"], outside=values["outside"],
+        wrong_sign=bool(values["outside"]),
     )  # fmt: skip
 
 
@@ -297,7 +298,7 @@ def test_equivalents_explain_the_same_rows() -> None:
         trial("same", [50.0, 0.0, 0.0]),  # however large: the direction counts
         trial("near", [100.0, 9.0, 0.0]),  # sin^2 = 0.8 %
         trial("far", [90.0, 12.0, 0.0]),  # 1.7 %
-        trial("unphysical", [100.0, 0.0, 0.0], wrong_sign=True),
+        trial("unphysical", [100.0, 0.0, 0.0], outside="a at its bound 0"),
     ]
     assert equivalents(chosen, [chosen, *others]) == ("same", "near")
 

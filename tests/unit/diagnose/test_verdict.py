@@ -240,7 +240,7 @@ def test_a_large_effect_that_was_refused_leaves_the_question_open(gain: float, r
     candidate = SimpleNamespace(effect=SimpleNamespace(label=lambda shape: "cogging"))
     group = SimpleNamespace(shape={}, entering=[(0, None)])  # its share is that of the residual of its balances
     fit.trials = [SimpleNamespace(gain=gain, p_value=1e-9, candidate=candidate, group=group)]
-    assert verdict_of(fit, refused={"cogging": Refusal(reason, {"p": 0.5})}) == expected
+    assert verdict_of(fit, refused={"cogging": Refusal(reason, {"p": 0.5, "what": "k at its bound 0"})}) == expected
 
 
 @pytest.mark.parametrize(
