@@ -11,6 +11,7 @@ from pmsm_ctrl.effects.structures import LogView, Search
 TRIED = 4  # periods that stand out, and are tried
 STRONGEST = 24  # of all waves, those within a turn among them, out of which they are taken
 PARTS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5)  # of a wave that the whole travel may be; four and more stand out
+LONGEST = 4.0  # times the whole travel: a longer wave is a constant load and a slope
 SHORTEST = 1.25 * 2.0 * pi  # rad; one turn is `unbalance`
 
 
@@ -24,7 +25,7 @@ def search(log: LogView) -> Search:
     if not few:
         return Search((), 1, "the axis turns by less than half of the shortest period behind a gear")
     standing = [one for one in log.periods(STRONGEST)[0].tolist() if one >= SHORTEST][:TRIED]
-    ends = (SHORTEST, travel / PARTS[0])  # a longer one is a constant load, and a slope
+    ends = (SHORTEST, LONGEST * travel)
     possible = len(few) + int(travel / SHORTEST)
     return Search(tuple({"period": one} for one in dict.fromkeys((*few, *standing, *ends))), possible)
 
