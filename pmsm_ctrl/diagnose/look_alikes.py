@@ -101,7 +101,7 @@ def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:
     """Return the look-alikes of an accepted effect that are the same at its order in a turn, not at their own best one.
 
     Where the pole pairs are not known, any order may be the electrical one. A look-alike that cannot be tried, for want
-    of a channel, is the same where the order is its own.
+    of a channel, or that explains nearly as much, is the same where the order is its own.
 
     Parameters
     ----------
@@ -116,15 +116,24 @@ def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:
         p = case.design.motor.p
         if (effect.order or effect.period) and rival.electrical_order:
             order = _electrical_order(effect, trial.group.shape, p)
-            untried = any(one.effect.id == rival.id for one in fit.closed)
             its_own = order is not None and abs(order / rival.electrical_order - 1.0) < SAME_PERIOD
-            if p is None or (untried and its_own):
+            if p is None or (its_own and _as_much(fit, trial, rival, case.policy)):
                 found.append(rival.id)
         elif not rival.falsifies_current and (shape := _at_order(case, effect, rival)):
             group = beside_held(effect_group(fit.record, rival, shape), fit.model.responses)
             other = try_group(*trial.judge, Candidate(rival, (shape,)), group)
             found += equivalents(trial, [replace(other, plain_judge=trial.plain_judge)], case.policy)
     return tuple(found)
+
+
+def _as_much(fit: Fitted, trial: Trial, rival: Effect, policy: Policy) -> bool:
+    """Whether a wave of the same order explains nearly as much, or cannot be tried for want of a channel.
+
+    The torque of the two is the same up to what the model has of the current: a tenth is its error.
+    """
+    tried = [one.gain for one in fit.trials if one.candidate.effect.id == rival.id]
+    untried = any(one.effect.id == rival.id for one in fit.closed)
+    return untried or any(gain > (1.0 - policy.refused_share) * trial.gain for gain in tried)
 
 
 def _electrical_order(effect: Effect, shape: Mapping[str, float], p: float | None) -> float | None:

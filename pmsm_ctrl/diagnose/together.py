@@ -90,10 +90,17 @@ def standing(case: Case, found: Selection) -> Selection:
         if falling is None:
             break
         alone = found.fits[falling + 1]
-        del accepted[falling], steps[falling]
-        without = _built(case, accepted, steps)
+        del accepted[falling]
+        fallen = steps.pop(falling)
+        without = _built(case, accepted, [_alike_too(step, fallen) for step in steps])
         found = _as_far_as(case, found, falling + 1) if alone.plain.chi2 < without.fit.plain.chi2 else without
     return found
+
+
+def _alike_too(step: Step, fallen: Step) -> Step:
+    """Return a step with one that was taken out as its equivalent, where that one had it as its own."""
+    alike = step.trial.candidate.effect.id in fallen.equivalents
+    return replace(step, equivalents=(*step.equivalents, fallen.trial.candidate.effect.id)) if alike else step
 
 
 def _as_far_as(case: Case, found: Selection, count: int) -> Selection:

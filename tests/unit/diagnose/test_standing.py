@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
 from pmsm_ctrl.diagnose import together
 from pmsm_ctrl.diagnose.refusal import Reason
-from pmsm_ctrl.diagnose.selection import Selection
+from pmsm_ctrl.diagnose.selection import Selection, Step
+
+
+class Named(NamedTuple):
+    name: str
+    candidate: Any
 
 
 @pytest.mark.parametrize(
@@ -27,7 +32,8 @@ def test_what_came_later_goes_where_less_is_left_without_it(
         return SimpleNamespace(accepted=ids, plain=SimpleNamespace(chi2=left["".join(one.effect.id for one in ids)]))
 
     def step(name: str) -> Any:
-        return SimpleNamespace(trial=name)
+        trial = Named(name, SimpleNamespace(effect=SimpleNamespace(id=name)))
+        return Step(trial, None, ("b",) if name == "a" else ())  # type: ignore[arg-type]
 
     def built(case: Any, accepted: Any, steps: Any) -> Selection:
         fits: Any = tuple(fit(accepted[:k]) for k in range(len(accepted) + 1))
@@ -35,14 +41,16 @@ def test_what_came_later_goes_where_less_is_left_without_it(
 
     a, b = (SimpleNamespace(effect=SimpleNamespace(id=name, repeated=False)) for name in "ab")
     monkeypatch.setattr(together, "_built", built)
-    monkeypatch.setattr(together, "name_of", lambda trial: trial)
+    monkeypatch.setattr(together, "name_of", lambda trial: trial.name)
     monkeypatch.setattr(
         together, "_judged", lambda case, accepted, steps, asked: ({}, 0 if len(accepted) > 1 else None)
     )
     case: Any = SimpleNamespace(fit=fit)
     found = together.standing(case, built(case, [a, b], [step("a"), step("b")]))
     assert [one.effect.id for one in found.accepted] == [stays]
-    assert [str(one.trial) for one in found.steps] == [stays]
+    assert [one.trial.name for one in found.steps] == [stays]  # type: ignore[attr-defined]
+    # what had the other as its equivalent is one of the other
+    assert [one.equivalents for one in found.steps] == [("b",) if stays == "a" else ("a",)]
     assert {name: why.reason for name, why in found.refused.items()} == (
         {"b": Reason.NOT_NEEDED} if stays == "a" else {}
     )
