@@ -13,6 +13,7 @@ import numpy as np
 
 from pmsm_ctrl.design import EffectEntry
 from pmsm_ctrl.effects.signals import CURRENTS, SIGNALS
+from pmsm_ctrl.effects.soundness import value_at
 from pmsm_ctrl.effects.structures import LogView, Search, Structure, Term
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 
@@ -234,7 +235,7 @@ class Effect:
             Signals other than zero: the pole pairs, an angle.
         """
         at_rest = dict.fromkeys(SIGNALS, 0.0) | {"direction": 1.0} | signals | dict(values)
-        return float(np.atleast_1d(self.py_term(*(at_rest[name] for name in self.arguments)))[0])
+        return float(np.atleast_1d(value_at(self, at_rest))[0])
 
     def standing_level(self, values: Mapping[str, float], p: float) -> float:
         """Return the largest magnitude of the term of an axis at rest, over a wave of the angle where it is one.

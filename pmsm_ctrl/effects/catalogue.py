@@ -35,6 +35,7 @@ from pmsm_ctrl.effects import (
     viscous_power,
 )
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.soundness import require_sound
 from pmsm_ctrl.errors import DesignError, NextCommand, RequestError, nearest, require_kind
 
 __all__ = ["CATALOGUE", "bound_effects", "catalogue_of", "catalogue_with", "lookup"]
@@ -88,12 +89,13 @@ def catalogue_with(own: Iterable[Effect] = ()) -> dict[str, Effect]:
     Raises
     ------
     RequestError
-        When an own effect takes an id that is in use.
+        When an own effect takes an id that is in use, or its term is no number at some value of its signals.
     """
     effects = dict(CATALOGUE)
     for effect in own:
         if effect.id in effects:
             raise RequestError(f"own effect '{effect.id}': this id is in the catalogue already; choose another")
+        require_sound(effect)
         effects[effect.id] = effect
     return effects
 
