@@ -286,6 +286,33 @@ class Effect:
         DesignError
             For an unknown parameter, in the values or in their standard errors, or a value outside its bounds.
         """
+        self.require_names(entry, where)
+        out = {}
+        for parameter in self.parameters:
+            symbol = parameter.symbol
+            value = entry.parameters.get(symbol, parameter.start)
+            if not (parameter.lower <= value <= parameter.upper) or math.isnan(value):
+                raise DesignError(
+                    f"{where}effects.{self.id}.{symbol}: found {value:g}, but it should lie between "
+                    f"{parameter.lower:g} and {parameter.upper:g} {parameter.unit}"
+                )
+            out[symbol] = float(value)
+        return out
+
+    def require_names(self, entry: EffectEntry, where: str = "") -> None:
+        """Refuse a design's entry that names a parameter which the effect does not have.
+
+        Parameters
+        ----------
+        entry : EffectEntry
+        where : str
+            What an error begins with.
+
+        Raises
+        ------
+        DesignError
+            In the values or in their standard errors.
+        """
         label = f"{where}effects.{self.id}"
         known = {p.symbol: p for p in self.parameters}
         named = {symbol: symbol for symbol in entry.parameters}
@@ -295,13 +322,3 @@ class Effect:
                 raise DesignError(
                     f"{label}.{place}: unknown parameter{nearest(symbol, known)} (known: {', '.join(known)})"
                 )
-        out = {}
-        for symbol, parameter in known.items():
-            value = entry.parameters.get(symbol, parameter.start)
-            if not (parameter.lower <= value <= parameter.upper) or math.isnan(value):
-                raise DesignError(
-                    f"{label}.{symbol}: found {value:g}, but it should lie between {parameter.lower:g} "
-                    f"and {parameter.upper:g} {parameter.unit}"
-                )
-            out[symbol] = float(value)
-        return out

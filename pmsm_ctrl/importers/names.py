@@ -17,8 +17,9 @@ _SPELLINGS = {
     "º/s": "deg/s", "degree/s": "deg/s", "turn": "rev", "turns": "rev", "umdr": "rev", "revs": "rev",
     "u/s": "rev/s", "rad s^-1": "rad/s", "rad·s⁻¹": "rad/s", "rad/sec": "rad/s", "radians": "rad",
     "rad/s²": "rad/s^2", "rad/s2": "rad/s^2", "arms": "A rms", "a_rms": "A rms", "a(rms)": "A rms",
-    "aeff": "A rms", "a eff": "A rms", "apk": "A peak", "a_peak": "A peak", "a(peak)": "A peak", "amp": "A", "ampere": "A",
-    "amps": "A", "volt": "V", "volts": "V", "n·m": "N m", "n.m": "N m", "n-m": "N m", "newton": "N",
+    "aeff": "A rms", "a eff": "A rms", "apk": "A peak", "a_peak": "A peak", "a(peak)": "A peak",
+    "amp": "A", "ampere": "A", "amps": "A", "volt": "V", "volts": "V", "n·m": "N m", "n.m": "N m", "n-m": "N m",
+    "newton": "N",
     "m/s²": "m/s^2", "m/s2": "m/s^2", "celsius": "degC", "c": "degC", "℃": "degC", "meter": "m",
     "metre": "m", "none": "1",
 }  # fmt: skip
