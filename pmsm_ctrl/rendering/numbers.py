@@ -88,8 +88,8 @@ def with_error(value: float, stderr: float, unit: str = "", ends: tuple[float, f
     unit : str
         Written behind; "1" is not.
     ends : (float, float), optional
-        Of the 95 % interval, where the standard error does not tell them; infinite where the data do not bound it. Equal
-        ones, of a value that could not move, are left out.
+        Of the 95 % interval, where the standard error does not tell them; infinite where the data do not bound it.
+        Equal ones, of a value that could not move, are left out.
 
     Returns
     -------
