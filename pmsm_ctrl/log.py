@@ -281,7 +281,8 @@ class Log(UnchangeableDict):
         -------
         Log
         """
-        return replace(self, channels={**self.channels, **channels})
+        changed: dict[str, Any] = {**self.channels, **channels}
+        return replace(self, channels=changed)
 
     def between(self, start: float, stop: float) -> Log:
         """Return the samples with ``start <= t < stop`` (s).

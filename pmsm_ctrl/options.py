@@ -338,7 +338,8 @@ def _to_confirm(file: Path, design: Path | None, proposal: Proposal) -> str:
     """Return the message with the command that takes a proposal."""
     import shlex
 
-    from pmsm_ctrl.importers.naming import AS_STATED, RATE_IS_OPEN
+    from pmsm_ctrl.importers.guessing import RATE_IS_OPEN
+    from pmsm_ctrl.importers.naming import AS_STATED
 
     typed = ["pmsm-ctrl", "import", str(file), *(["--design", str(design)] if design is not None else [])]
     if any(guess.open_question == RATE_IS_OPEN for guess in proposal.guesses):

@@ -272,7 +272,8 @@ def _line(levels: Sequence[Level], motion: str, held: Sequence[str] = ()) -> Lin
     low, high = (_fit(half, motion, held) for half in halves)
 
     def widened(name: str) -> Estimate:
-        own, apart = getattr(line, name), getattr(high, name).value - getattr(low, name).value
+        own: Estimate = getattr(line, name)
+        apart = getattr(high, name).value - getattr(low, name).value
         return replace(own, stderr=max(own.stderr, 0.5 * abs(apart))) if np.isfinite(own.stderr) else own
 
     return replace(line, F_c=widened("F_c"), F_v=widened("F_v"))
