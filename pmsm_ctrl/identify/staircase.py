@@ -44,10 +44,18 @@ class Level:
 class Line:
     """Straight line F_c + F_v omega through one direction or, symmetrically, through both.
 
-    The standard errors come from the scatter about the line, with `dof` degrees of freedom. `misfit` is that scatter
-    over the one expected from the plateaus' own errors (1 is good), `p_value` the probability of it if a line is right.
-    Where it is not, a curve is missing, and scatter says too little of what it does to the line: the standard errors
-    are then at least half of what lines through the lower and through the upper half of the speeds differ by.
+    Attributes
+    ----------
+    F_c, F_v : Estimate
+        The standard errors come from the scatter about the line. Where the levels lie on no line, a curve is missing,
+        and scatter says too little of what it does: they are then at least half of what lines through the lower and
+        through the upper half of the speeds differ by.
+    dof : float
+        Degrees of freedom of the standard errors.
+    misfit : float
+        That scatter over the one expected from the plateaus' own errors; 1 is good.
+    p_value : float
+        The probability of that scatter if a line is right.
     """
 
     F_c: Estimate

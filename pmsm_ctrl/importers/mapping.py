@@ -329,7 +329,7 @@ def _unmapped(
 
 def _lettered(free: Sequence[tuple[int, Column]], motion: str) -> dict[str, int]:
     """Return the position and the speed that letters name, such as ``x [mm]``: of a known axis, by a unit that fits."""
-    letters = {"x": "theta", "y": "theta", "z": "theta", "v": "omega", "n": "omega", "w": "omega"}
+    letters = dict.fromkeys("xyz", "theta") | dict.fromkeys("vnw", "omega")
     named = [(letters.get(column.name.casefold(), ""), i, column) for i, column in free]
     found = [(channel, i) for channel, i, column in named if channel and column.unit and motion
              and fits_axis(column.unit, channel, motion)]  # fmt: skip
