@@ -9,7 +9,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pmsm_ctrl.rooms import Room
+from pmsm_ctrl.rooms import Room, provide
 
 if TYPE_CHECKING:
     from pmsm_ctrl.compare import compare
@@ -72,4 +72,5 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *_EXPORTS})
 
 
+provide("rules of effects", "pmsm_ctrl.effects.catalogue", "require_entry")
 sys.modules[__name__].__class__ = Room

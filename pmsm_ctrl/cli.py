@@ -47,6 +47,7 @@ from pmsm_ctrl.options import (
     SeedOption,
     TruthOption,
     Verb,
+    above_zero,
     confirmed_import,
     design_if_given,
     effect_ids,
@@ -168,13 +169,13 @@ def tune(
         str, typer.Option("--speed", metavar="METHOD", help="symmetrical_optimum, pole_placement or bandwidth")
     ] = "symmetrical_optimum",
     current_bandwidth: Annotated[
-        float | None, typer.Option("--current-bandwidth", metavar="HZ", help="crossover of the current loop")
+        float | None, above_zero("--current-bandwidth", "HZ", "crossover of the current loop")
     ] = None,
     speed_bandwidth: Annotated[
-        float | None, typer.Option("--speed-bandwidth", metavar="HZ", help="crossover of the speed loop")
+        float | None, above_zero("--speed-bandwidth", "HZ", "crossover of the speed loop")
     ] = None,
     phase_margin: Annotated[
-        float, typer.Option("--phase-margin", metavar="DEG", help="for the methods bandwidth and pole_placement")
+        float, above_zero("--phase-margin", "DEG", "for the methods bandwidth and pole_placement")
     ] = 60.0,
     keep: Annotated[bool, typer.Option("--keep", help="check the gains of the design instead of tuning them")] = False,
     robust: Annotated[bool, typer.Option("--robust", help="keep the margins at all corners of the tolerances")] = False,

@@ -40,7 +40,7 @@ def built(model: type[Model], source: str, **fields: Any) -> Model:
         raise DesignError(explain(error, model, source)) from None
 
 
-def explain(error: ValidationError, root: type[BaseModel], source: str) -> str:
+def explain(error: ValidationError, root: type[BaseModel], source: str, data: Any = None) -> str:
     """Turn pydantic's first error into one line: place, value found, values accepted.
 
     Parameters
@@ -50,6 +50,8 @@ def explain(error: ValidationError, root: type[BaseModel], source: str) -> str:
         The model that was to be built.
     source : str
         File the values come from; empty when they come from none.
+    data : dict, optional
+        The values: effects are named by their ids.
 
     Returns
     -------
@@ -58,7 +60,7 @@ def explain(error: ValidationError, root: type[BaseModel], source: str) -> str:
     complaints = error.errors()
     # A misspelt name comes first, because it explains a missing one.
     first = next((c for c in complaints if c["type"] == "extra_forbidden"), complaints[0])
-    place = ".".join(str(part) for part in first["loc"]) or "design"
+    place = ".".join(_named(first["loc"], data)) or "design"
     found = first.get("input")
     where = f"{source}: {place}" if source else place
     kind = first["type"]
@@ -77,6 +79,16 @@ def explain(error: ValidationError, root: type[BaseModel], source: str) -> str:
         if bound in first.get("ctx", {}):
             message = message.rpartition(" ")[0] + f" {first['ctx'][bound]:g}"
     return f"{where}: found {shown}, but {message.replace('input ', 'it ')}; {_accepted(root, first['loc'])}"
+
+
+def _named(loc: tuple[int | str, ...], data: Any) -> list[str]:
+    """Return a place with an effect's id in place of its number, and its parameters beside the id, as a file has it."""
+    parts = [str(part) for part in loc if part != "parameters"]
+    if len(loc) > 2 and loc[0] == "effects" and isinstance(loc[1], int) and isinstance(data, dict):
+        entry = dict(enumerate(data.get("effects") or ())).get(loc[1])
+        name = entry.get("id") if isinstance(entry, dict) else None
+        parts[1] = name if isinstance(name, str) and name else parts[1]
+    return parts
 
 
 def _walk(root: type[BaseModel], loc: tuple[int | str, ...]) -> Any:
@@ -110,4 +122,6 @@ def _accepted(root: type[BaseModel], loc: tuple[int | str, ...]) -> str:
         return f"accepted: {description}"
     if hasattr(field, "model_fields"):
         return f"accepted: a table with {', '.join(n for n in field.model_fields if n != 'source')}"
+    if "parameters" in loc:
+        return "accepted: a number in SI units"
     return "the docs' page 'A design, field by field' lists the fields"

@@ -145,7 +145,8 @@ def _explain(error: BaseException) -> tuple[int, str]:
     if hasattr(error, "format_message"):
         context = getattr(error, "ctx", None)
         hint = f" (see {context.command_path} --help)" if context is not None else ""
-        return BAD_INPUT, f"{error.format_message().rstrip('.')}{hint}"
+        said = error.format_message().replace("Value error, ", "")  # as newer typer begins what an option refuses
+        return BAD_INPUT, f"{said.rstrip('.')}{hint}"
     if isinstance(error, OSError) and error.filename is not None:
         return BAD_INPUT, f"{error.filename}: {error.strerror or error}"
     if isinstance(error, FileNotFoundError):  # of no file: of the current folder

@@ -215,6 +215,7 @@ def read_answer(question: Question, text: str) -> Answer:
     if not question.units:
         if unit:
             raise RequestError(f"{question.option} '{text}': a plain number was expected")
+        _require_sign(question, text, number)
         return Answer({"pole_pairs": "p"}.get(question.key, question.key), number, "")
     known = {_essence(name): name for name in question.units}
     if _essence(unit) not in known:
@@ -232,7 +233,14 @@ def read_answer(question: Question, text: str) -> Answer:
         if not 1e-10 <= factor * number <= 1e-2:
             raise RequestError(f"{question.option} '{text}': a step of 0.1 nm to 10 mm was expected")
         return Answer("encoder_counts", float(round(1.0 / (factor * number))), name)
+    _require_sign(question, text, number)
     return Answer(field, factor * number, name)
+
+
+def _require_sign(question: Question, text: str, number: float) -> None:
+    least = "of at least zero" if question.key in ("friction", "viscous", "load_inertia") else "above zero"
+    if number < 0.0 or (number == 0.0 and least == "above zero"):
+        raise RequestError(f"{question.option} '{text}': a number {least} was expected: {question.text}")
 
 
 def _essence(unit: str) -> tuple[frozenset[str], str]:

@@ -31,9 +31,10 @@ from pmsm_ctrl.design_parts import (
     Part,
     Sensor,
 )  # fmt: skip
-from pmsm_ctrl.design_text import design_in_json, edited_text, plain, same, with_tuples
+from pmsm_ctrl.design_text import design_in_json, edited_text, plain, same, text_of_file, with_tuples
 from pmsm_ctrl.errors import DesignError, NextCommand, nearest
 from pmsm_ctrl.files import example_design, write_text
+from pmsm_ctrl.rooms import provided
 from pmsm_ctrl.units import encoder_step, psi_f_from, rounded
 
 __all__ = [
@@ -41,7 +42,6 @@ __all__ = [
     "Load", "LogMap", "Loops", "Motor", "PositionLoop", "Sensor", "SpeedLoop",
 ]  # fmt: skip
 
-MAX_FILE = 1 << 24  # bytes of a design
 FREE = 0.999  # tolerance of an inertia of which nothing is known; a fit over a whole log takes no notice of it
 DEEPEST = 32  # parts of a dotted key
 DEEP = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
@@ -232,8 +232,13 @@ class Design(Part):
         Returns
         -------
         Design
+
+        Raises
+        ------
+        DesignError
+            For an effect or a parameter that does not exist, or a value that is no number.
         """
-        entry = built(EffectEntry, f"effect '{effect}'", id=effect, parameters=parameters or {}, stderr=stderr or {})
+        entry = self._entry(effect, parameters or {}, stderr or {})
         return self.replace_effects((*(e for e in self.effects if e.id != effect), entry))
 
     def add_effect(self, effect: str, parameters: dict[str, float], stderr: dict[str, float] | None = None) -> Design:
@@ -251,9 +256,18 @@ class Design(Part):
         Returns
         -------
         Design
+
+        Raises
+        ------
+        DesignError
+            As `with_effect`.
         """
-        entry = built(EffectEntry, f"effect '{effect}'", id=effect, parameters=parameters, stderr=stderr or {})
-        return self.replace_effects((*self.effects, entry))
+        return self.replace_effects((*self.effects, self._entry(effect, parameters, stderr or {})))
+
+    def _entry(self, effect: str, parameters: dict[str, float], stderr: dict[str, float]) -> EffectEntry:
+        entry = built(EffectEntry, f"effect '{effect}'", id=effect, parameters=parameters, stderr=stderr)
+        provided("rules of effects")(self, entry)
+        return entry
 
     def without_effect(self, effect: str) -> Design:
         """Return a copy without any instance of the effect.
@@ -404,7 +418,7 @@ class Design(Part):
         try:
             return cls.model_validate(with_tuples(data) | {"source": source})
         except ValidationError as error:
-            raise DesignError(explain(error, cls, source)) from None
+            raise DesignError(explain(error, cls, source, data)) from None
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Design:
@@ -421,23 +435,9 @@ class Design(Part):
         Raises
         ------
         DesignError
-            When the file is missing, is not TOML, or has a field that is wrong.
+            When `path` is none, the file is missing, is not TOML, or has a field that is wrong.
         """
-        try:
-            if Path(path).exists() and not (Path(path).is_file() or Path(path).is_dir()):
-                raise DesignError(f"{path}: not a file; a design in TOML was expected")
-            if Path(path).stat().st_size > MAX_FILE:
-                raise DesignError(f"{path}: larger than {MAX_FILE >> 20} MB; a design in TOML was expected")
-            text = Path(path).read_bytes().decode("utf-8")
-        except FileNotFoundError:
-            message = f"{path}: no such file; a design in TOML was expected"
-            raise DesignError(message, next_command=NextCommand.INIT) from None
-        except OSError as error:
-            raise DesignError(f"{path}: cannot be read ({error.strerror})") from None
-        except UnicodeDecodeError as error:
-            raise DesignError(f"{path}: not UTF-8 text at byte {error.start}; a design in TOML was expected") from None
-        except ValueError as error:  # a name with a zero byte
-            raise DesignError(f"{os.fspath(path)!r}: cannot be read ({error})") from None
+        text = text_of_file(path)
         if Path(path).suffix == ".json":
             return cls.from_dict(design_in_json(text, str(path)), source=str(path))
         return cls.from_toml(text, source=str(path))

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from pmsm_ctrl.errors import DesignError
+from pmsm_ctrl.errors import DesignError, NextCommand
 from pmsm_ctrl.units import DATASHEET
 
-__all__ = ["design_in_json", "edited_text", "plain", "same", "with_tuples"]
+__all__ = ["design_in_json", "edited_text", "plain", "same", "text_of_file", "with_tuples"]
+
+MAX_FILE = 1 << 24  # bytes of a design
 
 
 def design_in_json(text: str, source: str) -> dict[str, Any]:
@@ -246,3 +250,35 @@ def _inline(values: Mapping[str, Any]) -> Any:
     table = tomlkit.inline_table()
     table.update(values)
     return table
+
+
+def text_of_file(path: str | os.PathLike[str]) -> str:
+    """Return the text of a design's file.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    DesignError
+        When `path` is none, or the file is missing, too large, or no text.
+    """
+    if not isinstance(path, str | os.PathLike):
+        hint = "; Design.from_dict takes a dict" if isinstance(path, dict) else ""
+        raise DesignError(f"a {type(path).__name__} found; the path of a design in TOML was expected{hint}")
+    try:
+        if Path(path).exists() and not (Path(path).is_file() or Path(path).is_dir()):
+            raise DesignError(f"{path}: not a file; a design in TOML was expected")
+        if Path(path).stat().st_size > MAX_FILE:
+            raise DesignError(f"{path}: larger than {MAX_FILE >> 20} MB; a design in TOML was expected")
+        return Path(path).read_bytes().decode("utf-8")
+    except FileNotFoundError:
+        message = f"{path}: no such file; a design in TOML was expected"
+        raise DesignError(message, next_command=NextCommand.INIT) from None
+    except OSError as error:
+        raise DesignError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise DesignError(f"{path}: not UTF-8 text at byte {error.start}; a design in TOML was expected") from None
+    except ValueError as error:  # a name with a zero byte
+        raise DesignError(f"{os.fspath(path)!r}: cannot be read ({error})") from None

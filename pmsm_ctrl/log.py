@@ -142,7 +142,7 @@ class Log(UnchangeableDict):
     Raises
     ------
     LogError
-        For an unknown channel, unequal lengths, a value that is not finite, or time that does not increase.
+        For an unknown channel, unequal lengths, a value that is no finite real number, or time that does not increase.
     """
 
     channels: Mapping[str, Array]
@@ -157,7 +157,7 @@ class Log(UnchangeableDict):
         for name, values in self.channels.items():
             if name not in CHANNELS:
                 raise LogError(f"unknown channel '{name}'{nearest(name, CHANNELS)} (known: {', '.join(CHANNELS)})")
-            frozen[name] = _frozen(values)
+            frozen[name] = _frozen(values, f"{self._label}channel '{name}'")
         object.__setattr__(self, "channels", MappingProxyType(frozen))
         dict.update(self, frozen)
         _check(frozen, self.provenance.file)
@@ -281,8 +281,8 @@ class Log(UnchangeableDict):
         -------
         Log
         """
-        added = {name: np.asarray(values, dtype=np.float64) for name, values in channels.items()}
-        return replace(self, channels={**self.channels, **added})
+        changed: dict[str, Any] = {**self.channels, **channels}
+        return replace(self, channels=changed)
 
     def between(self, start: float, stop: float) -> Log:
         """Return the samples with ``start <= t < stop`` (s).
@@ -456,13 +456,21 @@ def names_of(logs: Sequence[Log], unnamed: str) -> str:
     return f"{len(logs)} logs" if logs else ""
 
 
-def _frozen(values: Array) -> Array:
+def _frozen(values: ArrayLike, place: str) -> Array:
     """Return a read-only array; one that is read-only already (a channel of another log) is shared, not copied."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and not values.flags.writeable:
         whole = values if values.base is None else values.base
         if isinstance(whole, np.ndarray) and not whole.flags.writeable and values.flags.c_contiguous:
             return values
-    array = np.array(values, dtype=np.float64)
+    kind = np.dtype(getattr(values, "dtype", "O"))
+    try:
+        kind = np.asarray(values).dtype
+        array = np.array(values, dtype=np.float64) if kind.kind not in "cUS" else None
+    except (TypeError, ValueError):
+        array = None
+    if array is None:
+        found = {"c": "complex numbers", "U": "text", "S": "text"}.get(kind.kind, f"{type(values).__name__} of {kind}")
+        raise LogError(f"{place}: {found} found; an array of real numbers was expected")
     array.setflags(write=False)
     return array
 

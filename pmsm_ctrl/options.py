@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 __all__ = [
     "DesignArgument", "DesignOption", "EffectsOption", "EstimateOption", "ForceOption", "HoldoutOption", "JsonOption",
     "LiveOption", "LogArgument", "LogsOption", "MapOption", "MethodOption", "NewDesignOption", "PolishOption",
-    "ReportOption", "SeedOption", "TrackedArgument", "TruthOption", "Verb", "confirmed_import", "design_if_given",
-    "effect_ids", "estimated_names", "known_rate", "load_logs", "logs_if_given", "measured_bode", "output_option",
-    "read_design", "scenario_names", "write_design",
+    "ReportOption", "SeedOption", "TrackedArgument", "TruthOption", "Verb", "above_zero", "confirmed_import",
+    "design_if_given", "effect_ids", "estimated_names", "known_rate", "load_logs", "logs_if_given", "measured_bode",
+    "output_option", "read_design", "scenario_names", "write_design",
 ]  # fmt: skip
 
 
@@ -274,6 +274,17 @@ def known_rate(rate: float | None) -> float | None:
     return rate
 
 
+def above_zero(name: str, metavar: str, text: str) -> Any:
+    """Return an option that takes a number above zero; a bound of the option would be printed in the help."""
+    return typer.Option(name, metavar=metavar, callback=_require_above_zero, help=text)
+
+
+def _require_above_zero(value: float | None) -> float | None:
+    if value is not None and not 0.0 < value < math.inf:
+        raise typer.BadParameter(f"{value:g}: a positive, finite number was expected")
+    return value
+
+
 def _agreed() -> bool:
     """Return whether a proposal is taken, asked on a terminal; nobody can be asked elsewhere."""
     if sys.stdin is None or not sys.stdin.isatty():
@@ -327,7 +338,8 @@ def _to_confirm(file: Path, design: Path | None, proposal: Proposal) -> str:
     """Return the message with the command that takes a proposal."""
     import shlex
 
-    from pmsm_ctrl.importers.guessing import AS_STATED, RATE_IS_OPEN
+    from pmsm_ctrl.importers.guessing import RATE_IS_OPEN
+    from pmsm_ctrl.importers.naming import AS_STATED
 
     typed = ["pmsm-ctrl", "import", str(file), *(["--design", str(design)] if design is not None else [])]
     if any(guess.open_question == RATE_IS_OPEN for guess in proposal.guesses):

@@ -15,7 +15,32 @@ from pmsm_ctrl.threads import one_thread
 if TYPE_CHECKING:
     import inspect
 
-__all__ = ["Room"]
+__all__ = ["Room", "provide", "provided"]
+
+# What a lower layer asks of a higher one, which it does not import: module and function, by what it is.
+_PROVIDED: dict[str, tuple[str, str]] = {}
+
+
+def provide(what: str, module: str, function: str) -> None:
+    """State which function answers what a lower layer asks.
+
+    Parameters
+    ----------
+    what, module, function : str
+    """
+    _PROVIDED[what] = module, function
+
+
+def provided(what: str) -> Callable[..., Any]:
+    """Return the function that answers; its module is imported by then.
+
+    Parameters
+    ----------
+    what : str
+    """
+    module, function = _PROVIDED[what]
+    answer: Callable[..., Any] = getattr(import_module(module), function)
+    return answer
 
 
 class Room(ModuleType):

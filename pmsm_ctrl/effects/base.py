@@ -13,6 +13,7 @@ import numpy as np
 
 from pmsm_ctrl.design import EffectEntry
 from pmsm_ctrl.effects.signals import CURRENTS, SIGNALS
+from pmsm_ctrl.effects.soundness import value_at
 from pmsm_ctrl.effects.structures import LogView, Search, Structure, Term
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 
@@ -234,7 +235,7 @@ class Effect:
             Signals other than zero: the pole pairs, an angle.
         """
         at_rest = dict.fromkeys(SIGNALS, 0.0) | {"direction": 1.0} | signals | dict(values)
-        return float(np.atleast_1d(self.py_term(*(at_rest[name] for name in self.arguments)))[0])
+        return float(np.atleast_1d(value_at(self, at_rest))[0])
 
     def standing_level(self, values: Mapping[str, float], p: float) -> float:
         """Return the largest magnitude of the term of an axis at rest, over a wave of the angle where it is one.
@@ -285,6 +286,33 @@ class Effect:
         DesignError
             For an unknown parameter, in the values or in their standard errors, or a value outside its bounds.
         """
+        self.require_names(entry, where)
+        out = {}
+        for parameter in self.parameters:
+            symbol = parameter.symbol
+            value = entry.parameters.get(symbol, parameter.start)
+            if not (parameter.lower <= value <= parameter.upper) or math.isnan(value):
+                raise DesignError(
+                    f"{where}effects.{self.id}.{symbol}: found {value:g}, but it should lie between "
+                    f"{parameter.lower:g} and {parameter.upper:g} {parameter.unit}"
+                )
+            out[symbol] = float(value)
+        return out
+
+    def require_names(self, entry: EffectEntry, where: str = "") -> None:
+        """Refuse a design's entry that names a parameter which the effect does not have.
+
+        Parameters
+        ----------
+        entry : EffectEntry
+        where : str
+            What an error begins with.
+
+        Raises
+        ------
+        DesignError
+            In the values or in their standard errors.
+        """
         label = f"{where}effects.{self.id}"
         known = {p.symbol: p for p in self.parameters}
         named = {symbol: symbol for symbol in entry.parameters}
@@ -294,13 +322,3 @@ class Effect:
                 raise DesignError(
                     f"{label}.{place}: unknown parameter{nearest(symbol, known)} (known: {', '.join(known)})"
                 )
-        out = {}
-        for symbol, parameter in known.items():
-            value = entry.parameters.get(symbol, parameter.start)
-            if not (parameter.lower <= value <= parameter.upper) or math.isnan(value):
-                raise DesignError(
-                    f"{label}.{symbol}: found {value:g}, but it should lie between {parameter.lower:g} "
-                    f"and {parameter.upper:g} {parameter.unit}"
-                )
-            out[symbol] = float(value)
-        return out

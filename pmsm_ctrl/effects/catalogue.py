@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 
-from pmsm_ctrl.design import Design
+from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.effects import (
     backlash,
     cogging,
@@ -35,9 +36,10 @@ from pmsm_ctrl.effects import (
     viscous_power,
 )
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.soundness import require_sound
 from pmsm_ctrl.errors import DesignError, NextCommand, RequestError, nearest, require_kind
 
-__all__ = ["CATALOGUE", "bound_effects", "catalogue_of", "catalogue_with", "lookup"]
+__all__ = ["CATALOGUE", "bound_effects", "catalogue_of", "catalogue_with", "lookup", "require_entry"]
 
 CATALOGUE: Mapping[str, Effect] = {
     module.effect.id: module.effect
@@ -88,12 +90,13 @@ def catalogue_with(own: Iterable[Effect] = ()) -> dict[str, Effect]:
     Raises
     ------
     RequestError
-        When an own effect takes an id that is in use.
+        When an own effect takes an id that is in use, or its term is no number at some value of its signals.
     """
     effects = dict(CATALOGUE)
     for effect in own:
         if effect.id in effects:
             raise RequestError(f"own effect '{effect.id}': this id is in the catalogue already; choose another")
+        require_sound(effect)
         effects[effect.id] = effect
     return effects
 
@@ -160,15 +163,41 @@ def bound_effects(design: Design) -> list[tuple[Effect, dict[str, float]]]:
     Raises
     ------
     DesignError
-        For an unknown effect or parameter, or a value outside its bounds.
+        For an unknown effect or parameter, a value outside its bounds, or an order that is no whole number.
     """
     effects = catalogue_of(design)
     where = f"{design.source}: " if design.source else ""
     bound = []
     for entry in design.effects:
-        if entry.id not in effects:
-            message = f"{where}effects: {_unknown(entry.id, effects)}"
-            raise DesignError(message, next_command=NextCommand.EFFECTS)
-        effect = effects[entry.id]
+        effect = require_entry(design, entry, effects)
         bound.append((effect, effect.values(entry, where)))
     return bound
+
+
+def require_entry(design: Design, entry: EffectEntry, effects: Mapping[str, Effect] | None = None) -> Effect:
+    """Return the effect of a design's entry, whatever its values are.
+
+    Parameters
+    ----------
+    design : Design
+    entry : EffectEntry
+    effects : mapping of str to Effect, optional
+        Where to look: `catalogue_of` the design where it is left out.
+
+    Raises
+    ------
+    DesignError
+        For an unknown effect or parameter, or an order that is no whole number: along a line it may be any.
+    """
+    known = catalogue_of(design) if effects is None else effects
+    where = f"{design.source}: " if design.source else ""
+    if entry.id not in known:
+        message = f"{where}effects: {_unknown(entry.id, known)}"
+        raise DesignError(message, next_command=NextCommand.EFFECTS)
+    effect = known[entry.id]
+    effect.require_names(entry, where)
+    order = entry.parameters.get(effect.order, 1.0)
+    if design.motion == "rotary" and math.isfinite(order) and not float(order).is_integer():
+        place = f"{where}effects.{entry.id}.{effect.order}"
+        raise DesignError(f"{place}: found {order:g}; a whole number of periods in a turn was expected")
+    return effect

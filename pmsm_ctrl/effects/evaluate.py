@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pmsm_ctrl.effects.signals import SIGNALS
+from pmsm_ctrl.effects.soundness import refusal
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import OPTIONS, cache_folder, soundly_cached
@@ -56,7 +57,7 @@ def column(effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping
     Raises
     ------
     RequestError
-        When a signal or a parameter is missing, or the lengths differ.
+        When a signal or a parameter is missing, the lengths differ, or the term of an own effect is not finite.
     """
     arrays, n = _broadcast(effect, signals)
     values = _values(effect, parameters)
@@ -66,6 +67,7 @@ def column(effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping
     width = len(effect.channels)
     out = np.empty((width, n))
     loop(out, *arrays, *values)
+    _require_finite(effect, out, arrays, values)
     return out if width > 1 else out[0]
 
 
@@ -94,6 +96,7 @@ def columns(
     width = len(effect.channels)
     out = np.empty((width * (1 + len(linear)), n))
     loop(out, *arrays, *values)
+    _require_finite(effect, out, arrays, values)
     rest, *parts = out.reshape(1 + len(linear), width, n) if width > 1 else out
     return dict(zip(linear, parts, strict=True)), rest
 
@@ -129,8 +132,28 @@ def columns_less_noise(
     width = len(effect.channels)
     out = np.empty((width * len(linear), n))
     loop(out, *arrays, *map(np.ascontiguousarray, noise.values()), *values)
+    _require_finite(effect, out, arrays, values)
     parts = out.reshape(len(linear), width, n) if width > 1 else out
     return dict(zip(linear, parts, strict=True))
+
+
+def _require_finite(effect: Effect, out: Array, signals: Sequence[Array], values: Sequence[float]) -> None:
+    """Refuse an own effect that is not finite where its signals are: a power or an exponential of a log's own values.
+
+    Those of the package are tried at every shape in its tests.
+    """
+    if (effect.py_term.__module__ or "").startswith("pmsm_ctrl.effects.") or np.isfinite(out).all():
+        return
+    bad = ~np.isfinite(out).all(axis=0)
+    for signal in signals:
+        bad &= np.isfinite(signal)
+    if not bad.any():
+        return
+    k = int(np.argmax(bad))
+    own = (name for name in effect.arguments if name not in SIGNALS)
+    at = dict(zip(effect.signals, (float(signal[k]) for signal in signals), strict=True))
+    found = next(value for value in out[:, k].tolist() if not np.isfinite(value))
+    raise refusal(effect, at | dict(zip(own, values, strict=True)), str(found))
 
 
 def _values(effect: Effect, parameters: Mapping[str, float]) -> list[float]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import CATALOGUE
+from pmsm_ctrl.effects.soundness import require_sound
 from pmsm_ctrl.errors import RequestError
 
 __all__ = ["load_effects"]
@@ -33,11 +34,13 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
     Raises
     ------
     RequestError
-        When the file is missing, cannot be run, defines no effect, or defines two with one id.
+        When the file is missing, cannot be run, defines no effect, or defines two with one id, or one whose term is
+        no number at some value of its signals.
     """
     file = Path(path).resolve()
     if not file.is_file():
-        raise RequestError(f"{path}: no such file; a Python file that defines effects was expected")
+        what = "it is a folder" if file.is_dir() else "no such file"
+        raise RequestError(f"{path}: {what}; a Python file that defines effects was expected")
     spec = importlib.util.spec_from_file_location(_module_name(file), file)
     if spec is None or spec.loader is None:
         raise RequestError(f"{path}: its name does not end in .py; a Python file that defines effects was expected")
@@ -64,6 +67,7 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
             raise RequestError(f"{path}: two effects have the id '{value.id}'")
     for effect in found.values():
         _require_names(path, effect)
+        require_sound(effect, f"{path}: ")
     if not found:
         raise RequestError(f"{path}: defines no effect; a module-level pmsm_ctrl.effects.Effect was expected")
     return tuple(found.values())

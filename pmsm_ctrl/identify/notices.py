@@ -118,8 +118,9 @@ UNSETTLED = Template(
 )
 MISFIT = Template(
     "misfit",
-    "the points scatter about the line {ratio:.1f} times as much as their standard errors allow: F_c and F_v do not "
-    "describe the friction completely",
+    "the points scatter about the line {ratio:.1f} times as much as their standard errors allow ({percent:.2g} % of "
+    "the torque): F_c and F_v do not describe it completely, and their standard errors are those of lines through the "
+    "lower and the upper half of the speeds",
 )
 NEGATIVE = Template(
     "negative_friction", "{symbol} = {value:.3g} {unit} is negative: it is held at 0, and the line is fitted with that"

@@ -74,7 +74,7 @@ def joint(design: Design, log: Log) -> Joint:
     after = fit.record.target - fit.estimate.predicted()
     rows = own_rows(fit.record, (before, after), (fit.estimate, fit.weights, fit.whitener), "")
     stderr = dict(zip(model.names, fit.plain.stderr.tolist(), strict=True))
-    return Joint(log.with_channels(T_load=load), tuple(rows), record_spreads(fit.record, fit.estimate), stderr)
+    return Joint(log.with_channels(T_load=load), tuple(rows), record_spreads(fit.record, fit.estimate, rows), stderr)
 
 
 def with_joint_errors(fit: Fit, stderr: Mapping[str, float]) -> Fit:

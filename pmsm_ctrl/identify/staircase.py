@@ -6,7 +6,7 @@ Source: the reference paper on friction identification in PMSM; the line is F_c 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -44,8 +44,18 @@ class Level:
 class Line:
     """Straight line F_c + F_v omega through one direction or, symmetrically, through both.
 
-    The standard errors come from the scatter about the line, with `dof` degrees of freedom. `misfit` is that scatter
-    over the one expected from the plateaus' own errors (1 is good), `p_value` the probability of it if a line is right.
+    Attributes
+    ----------
+    F_c, F_v : Estimate
+        The standard errors come from the scatter about the line. Where the levels lie on no line, a curve is missing,
+        and scatter says too little of what it does: they are then at least half of what lines through the lower and
+        through the upper half of the speeds differ by.
+    dof : float
+        Degrees of freedom of the standard errors.
+    misfit : float
+        That scatter over the one expected from the plateaus' own errors; 1 is good.
+    p_value : float
+        The probability of that scatter if a line is right.
     """
 
     F_c: Estimate
@@ -53,6 +63,11 @@ class Line:
     dof: float
     misfit: float
     p_value: float
+
+    @property
+    def rejected(self) -> bool:
+        """Whether a line is not what the levels lie on."""
+        return self.p_value < policy.MISFIT_P and self.misfit > policy.MISFIT_RATIO
 
     def interval(self, symbol: str, coverage: float = 0.95) -> tuple[float, float]:
         """Return the two-sided interval of ``F_c`` or ``F_v`` by Student's t."""
@@ -152,16 +167,16 @@ def evaluate_sweep(design: Design, logs: Log | Sequence[Log]) -> SweepResult:
     if len({round(abs(level.omega), 9) for level in levels}) < 2 or len(levels) < 3:
         message = f"{len(levels)} settled speed level(s); F_c and F_v need at least three, of two different speeds"
         raise LogError(message, next_command=NextCommand.IDENTIFY)
-    free = joint = _fit(levels, motion)
+    free = joint = _line(levels, motion)
     held: tuple[str, ...] = ()
     while below := tuple(name for name in ("F_c", "F_v") if getattr(joint, name).value < 0.0):
         held += below  # friction below zero is none, and the other one is fitted beside that
-        joint = _fit(levels, motion, held)
+        joint = _line(levels, motion, held)
     lines = {"both_directions": joint}
     for name, sign in (("positive", 1.0), ("negative", -1.0)):
         side = [level for level in levels if sign * level.omega > 0]
         if len(side) >= 3:
-            lines[name] = _fit(side, motion)
+            lines[name] = _line(side, motion)
     torque = np.array([level.torque for level in levels])
     residual = torque - joint.torque(np.array([level.omega for level in levels]))
     error = float(np.sqrt(np.mean(residual**2) / np.mean(torque**2)))
@@ -254,6 +269,24 @@ def _average_levels(plateaus: Sequence[Plateau]) -> tuple[Level, ...]:
     return tuple(levels)
 
 
+def _line(levels: Sequence[Level], motion: str, held: Sequence[str] = ()) -> Line:
+    """Return the line, with standard errors that allow for a curve where a line is not what the levels lie on."""
+    line = _fit(levels, motion, held)
+    middle = float(np.median([abs(level.omega) for level in levels]))
+    halves = [[one for one in levels if (abs(one.omega) > middle) is upper] for upper in (False, True)]
+    fewest = 3 - len(held)
+    if not line.rejected or any(len({round(abs(one.omega), 9) for one in half}) < fewest for half in halves):
+        return line
+    low, high = (_fit(half, motion, held) for half in halves)
+
+    def widened(name: str) -> Estimate:
+        own: Estimate = getattr(line, name)
+        apart = getattr(high, name).value - getattr(low, name).value
+        return replace(own, stderr=max(own.stderr, 0.5 * abs(apart))) if np.isfinite(own.stderr) else own
+
+    return replace(line, F_c=widened("F_c"), F_v=widened("F_v"))
+
+
 def _fit(levels: Sequence[Level], motion: str, held: Sequence[str] = ()) -> Line:
     """Least squares with equal weights; its errors come from the scatter about the line. What is held is zero.
 
@@ -296,8 +329,8 @@ def _unsettled(plateaus: Sequence[Plateau], motion: str) -> list[Notice]:
 
 def _doubts(lines: dict[str, Line], error: float) -> list[Notice]:
     doubts, joint = [], lines["both_directions"]
-    if joint.p_value < policy.MISFIT_P and joint.misfit > policy.MISFIT_RATIO and error > policy.MISFIT_SHARE:
-        doubts.append(words.MISFIT(ratio=joint.misfit))
+    if joint.rejected and error > policy.MISFIT_SHARE:
+        doubts.append(words.MISFIT(ratio=joint.misfit, percent=100.0 * error))
     if len(lines) < 3:
         return [*doubts, words.ONE_DIRECTION()]
     positive, negative = lines["positive"], lines["negative"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,95 +19,27 @@ from pmsm_ctrl.importers.motion_units import (
     pair_units,
     speed_unit,
 )
-from pmsm_ctrl.importers.names import counts_of, guess_channel, says_rms, unit_of, unit_spelling
+from pmsm_ctrl.importers.names import counts_of, says_rms, unit_of, unit_spelling
+from pmsm_ctrl.importers.naming import AS_STATED, Case, Guess, fits, leave_constants, take_by_name
 from pmsm_ctrl.importers.relations import drive_balance, rate_likeness, roughness
-from pmsm_ctrl.importers.table import Array, Column, HeaderPeriod, Table
-from pmsm_ctrl.importers.vocabulary import meaning_of
+from pmsm_ctrl.importers.table import Array, HeaderPeriod, Table
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.section import Notice
 
 __all__ = ["Guess", "guesses"]
 
-LOOKED_AT = 200_000  # samples of each column
-MOST = 40  # columns whose physics is looked at
 NO_PERIOD = "every PERIOD ms"  # of a file whose rate nothing tells
-RATE_IS_OPEN, AS_STATED = "the rate", "as stated"
+RATE_IS_OPEN = "the rate"
 FACTOR_IS_OPEN = "the factor, 2 pi over the encoder counts of a turn (or encoder_counts in the design),"
 DERIVATIVE = 0.99  # correlation of travelled distance and integrated speed
 MOST_PAIRED = 12  # columns that are tried in pairs
 CLEARLY = 0.1  # share that is left unexplained where neither motion nor drive signal is known by name
+LITTLE = 0.1  # of what a position varies, by which it differs from its reference
 ALIKE = 0.02  # difference of such shares that tells nothing
 EXPLAINED = 0.5  # share of a drive signal that inertia and friction leave unexplained at most
 CERTAIN = 8.0  # standard errors of its inertia
 POSITIONS, SPEEDS, DRIVES = ("theta", "theta_ref"), ("omega", "omega_ref"), ("i_q", "torque")
-
-
-@dataclass(frozen=True)
-class Guess:
-    """One channel: its column, how a mapping spells it, and why.
-
-    Attributes
-    ----------
-    channel : str
-    column : int
-        -1 for a computed time.
-    label : str
-        The column as the file names it.
-    mapping : str
-    reasons : tuple of str
-    open_question : str
-        What has to be filled in before the mapping can be used; empty where nothing has.
-    """
-
-    channel: str
-    column: int
-    label: str
-    mapping: str
-    reasons: tuple[str, ...]
-    open_question: str = ""
-
-
-class _Case:
-    """The columns of a file with what has been decided so far."""
-
-    def __init__(self, table: Table, design: Design | None, stated: Mapping[str, tuple[str, int, str]]) -> None:
-        self.table, self.design, self.stated = table, design, stated
-        self.columns = table.columns
-        self.usable = [i for i, c in enumerate(self.columns) if not c.is_text]
-        loaded = dict(zip(self.usable, table.load(self.usable), strict=True))
-        self.values: dict[int, Array] = {i: v[:LOOKED_AT] for i, v in loaded.items()}
-        self.role: dict[int, str] = {at: channel for channel, (_, at, _) in stated.items()}
-        self.why: dict[int, list[str]] = {at: [AS_STATED] for at in self.role}
-        self.unit: dict[int, str] = {at: unit or self.columns[at].unit for _, at, unit in stated.values()}
-        self.factor: dict[int, float] = {}
-        self.open: dict[int, str] = {}
-        self.doubts: list[Notice] = []
-        self.assumed: list[tuple[str, str]] = []
-        self.seen_as: dict[int, str] = {}
-        self.clock: Guess | None = None
-        self.motion = design.motion if design is not None else "rotary"
-
-    def at(self, channel: str) -> int | None:
-        """Return the column that is this channel, None where there is none yet."""
-        return next((i for i, role in self.role.items() if role == channel), None)
-
-    def spoiled(self, i: int) -> bool:
-        """Whether a column has cells without a number."""
-        return not np.isfinite(self.values[i]).all()
-
-    def take(self, i: int, channel: str, *reasons: str) -> None:
-        """Decide that a column is a channel."""
-        self.role[i] = channel
-        self.why.setdefault(i, []).extend(reasons)
-        self.unit.setdefault(i, self.columns[i].unit)
-
-    def free(self, group: int) -> list[int]:
-        """Return the columns of a time base that vary and are no channel yet."""
-        return [
-            i for i in self.usable
-            if i not in self.role and self.columns[i].group == group and i not in self.seen_as
-        ][:MOST]  # fmt: skip
 
 
 def guesses(
@@ -123,9 +54,9 @@ def guesses(
     stated : mapping of str to (str, int, str)
         Channel to its mapping, column and unit, where they are known.
     """
-    case = _Case(table, design, stated)
-    _leave_constants(case)
-    _by_name(case)
+    case = Case(table, design, stated)
+    leave_constants(case)
+    take_by_name(case)
     if design is None and _is_linear(case):
         case.motion = "linear"
     t = _time(case)
@@ -142,71 +73,12 @@ def guesses(
     return [guess for guess in made if guess is not None], left, case.doubts
 
 
-def _leave_constants(case: _Case) -> None:
-    for i, values in case.values.items():
-        if not np.isfinite(values).all():
-            case.seen_as[i] = "cells that hold no number"
-        elif values.size and np.ptp(values) == 0.0:
-            case.seen_as[i] = f"constant, {values[0]:.6g}"
-
-
-def _fits(column: Column, channel: str) -> bool:
-    """Whether a stated unit fits a channel; a share of a rated value fits drive signals."""
-    if not column.unit:
-        return True
-    if unit_spelling(column.unit) in ("%", "‰") and channel in ("torque", "i_q", "i_q_ref", "T_load"):
-        return True
-    if counts_of(column.unit):
-        return counts_of(column.unit) == CHANNELS[channel][0]
-    return (unit_of(column.unit) or ("", 0.0))[0] in CHANNELS[channel][:2]
-
-
-def _by_name(case: _Case) -> None:
-    """Take the columns whose names say what they are: exact names first, then words; actual before commanded."""
-    exact: list[tuple[int, str]] = []
-    words: list[tuple[int, str, str, str]] = []
-    for i in case.usable:
-        if i in case.role:
-            continue
-        column = case.columns[i]
-        name = "t" if column.is_time or column.is_date else guess_channel(column.name)
-        if name is not None and _fits(column, name):
-            exact.append((i, name))
-        elif (meaning := meaning_of(column.name)) is not None and _fits(column, meaning.channel):
-            words.append((i, meaning.channel, ", ".join(meaning.words), meaning.unsure))
-    for i, channel in exact:
-        if channel not in case.role.values() and not case.spoiled(i):
-            case.take(i, channel, f"named '{case.columns[i].name}'")
-    _say_several(case, exact)
-    for i, channel, said, unsure in sorted(words, key=lambda one: bool(one[3])):
-        if channel in case.role.values() or case.spoiled(i):
-            continue
-        if channel == "torque" and "command" in unsure and "i_q" in case.role.values():
-            case.seen_as[i] = unsure
-            continue
-        case.take(i, channel, f"its name contains {said}", *([unsure] if unsure else []))
-        if unsure:
-            case.doubts.append(say.UNSURE_NAME(column=case.columns[i].label, channel=channel, reason=unsure))
-
-
-def _say_several(case: _Case, exact: list[tuple[int, str]]) -> None:
-    """Doubt a channel that several columns are named after, as the joints of a robot are."""
-    for channel in ("theta", "omega", "torque", "i_q"):
-        taken = case.at(channel)
-        others = [i for i, name in exact if name == channel and i != taken]
-        if taken is None or not others:
-            continue
-        case.seen_as.update((i, f"{channel} as well") for i in others)
-        names = {"column": case.columns[taken].label, "other": case.columns[others[0]].label}
-        case.doubts.append(say.SEVERAL_COLUMNS(channel=channel, count=len(others) + 1, **names))
-
-
-def _is_linear(case: _Case) -> bool:
+def _is_linear(case: Case) -> bool:
     units = [(unit_of(case.unit.get(i, "")) or ("",))[0] for i, role in case.role.items() if role in POSITIONS + SPEEDS]
     return any(si in ("m", "m/s") for si in units)
 
 
-def _time(case: _Case) -> Array | None:
+def _time(case: Case) -> Array | None:
     """Decide on the time of the columns; return it in s, None where nothing tells the rate."""
     i = case.at("t")
     if i is None:
@@ -239,7 +111,7 @@ def _factor_of(spec: str) -> float:
     return 1.0 if match is None else -1.0 if match["minus"] else float(match["factor"])
 
 
-def _group(case: _Case) -> int:
+def _group(case: Case) -> int:
     """Return the time base of the motion, or of most columns."""
     for channel in ("omega", "theta", "i_q", "torque"):
         if (i := case.at(channel)) is not None:
@@ -253,7 +125,7 @@ def _is_clock(values: Array) -> bool:
     return bool(step.size > 8 and (step > 0.0).all() and np.percentile(step, 90) < 1.5 * np.percentile(step, 10))
 
 
-def _rate_from_motion(case: _Case, ticks: int | None) -> Array | None:
+def _rate_from_motion(case: Case, ticks: int | None) -> Array | None:
     """Find the rate from a position and a speed with units; without them it has to be stated."""
     position, speed = case.at("theta"), case.at("omega")
     label = "no time column" if ticks is None else f"'{case.columns[ticks].label}' counts samples"
@@ -289,7 +161,7 @@ def _rate_from_motion(case: _Case, ticks: int | None) -> Array | None:
     return index * period
 
 
-def _timed_by_header(case: _Case, ticks: int | None, header: HeaderPeriod, index: Array) -> Array:
+def _timed_by_header(case: Case, ticks: int | None, header: HeaderPeriod, index: Array) -> Array:
     """Take the period that stands above the numbers; where its unit is assumed, that is a doubt."""
     reason = f"the header says '{header.text}'"
     if header.assumed:
@@ -311,22 +183,22 @@ def _round(period: float) -> float:
     return best if abs(best / period - 1.0) < 0.02 else float(f"{period:.3g}")
 
 
-def _unwound(case: _Case, i: int) -> Array:
+def _unwound(case: Case, i: int) -> Array:
     with np.errstate(all="ignore"):
         period = wrap_period(case.values[i])
     return unwrapped(case.values[i], period) if period > 0.0 else case.values[i]
 
 
-def _by_balance(case: _Case, t: Array) -> None:
+def _by_balance(case: Case, t: Array) -> None:
     """Find a position or a speed that moves as a drive signal drives it, where nothing else tells the motion."""
     free = [i for i in case.free(_group(case)) if case.values[i].size == t.size][:MOST_PAIRED]
     known = next((i for name in DRIVES if (i := case.at(name)) is not None), None)
-    drives = free if known is None else [known]
+    drives = [i for i in free if not case.commanded(i)] if known is None else [known]
     found = []
     for i in free:
         for channel, kind in (("theta", "position"), ("omega", "speed")):
             for k in drives:
-                if k == i or not _fits(case.columns[i], channel):
+                if k == i or case.commanded(i) or not fits(case.columns[i], channel):
                     continue
                 one = drive_balance(t, case.values[k], **{kind: _unwound(case, i)})
                 if one.left < CLEARLY and one.certain > CERTAIN and one.inertia > 0.0:
@@ -334,21 +206,23 @@ def _by_balance(case: _Case, t: Array) -> None:
     if not found:
         return
     # a reference explains nearly as much as what follows it: the rougher one is measured
+    found = [one for one in found if case.is_measured(one[1])] or found
     alike = [one for one in found if one[0] < min(found)[0] + ALIKE]
     _, i, channel, k = max(alike, key=lambda one: roughness(case.values[one[1]]))
     case.take(i, channel, f"'{case.columns[k].label}' drives it as a drive signal would")
     case.doubts.append(say.FROM_PHYSICS(columns=case.columns[i].label, what="the motion"))
 
 
-def _by_motion(case: _Case, t: Array) -> None:
+def _by_motion(case: Case, t: Array) -> None:
     """Find the speed of a position, or both, among the columns without a name."""
     group = _group(case)
     position, speed = case.at("theta"), case.at("omega")
     if position is not None and speed is not None:
         return
     free = [i for i in case.free(group) if case.values[i].size == t.size]
-    positions = [position] if position is not None else [i for i in free if _fits(case.columns[i], "theta")]
-    speeds = [speed] if speed is not None else [i for i in free if _fits(case.columns[i], "omega")]
+    measured = [i for i in free if not case.commanded(i)]
+    positions = [position] if position is not None else [i for i in measured if fits(case.columns[i], "theta")]
+    speeds = [speed] if speed is not None else [i for i in measured if fits(case.columns[i], "omega")]
     found = [
         (likeness, p, s)
         for p in positions for s in speeds
@@ -358,10 +232,10 @@ def _by_motion(case: _Case, t: Array) -> None:
         if position is None and speed is None:
             _by_balance(case, t)
         return
-    best = max(found)
-    p = best[1]
-    # of several columns that are this derivative the rougher one is measured
-    rivals = sorted({s for likeness, q, s in found if q == p}, key=lambda s: roughness(case.values[s]))
+    p = _measured_position(case, found)
+    best = max(one for one in found if one[1] == p)
+    # of several columns that are this derivative the rougher one is measured, where no name says which
+    rivals = sorted({s for _, q, s in found if q == p}, key=lambda s: (case.is_measured(s), roughness(case.values[s])))
     s = rivals[-1]
     said = f"its derivative is '{case.columns[s].label}' (correlation {best[0]:.4f})"
     if position is None:
@@ -374,7 +248,25 @@ def _by_motion(case: _Case, t: Array) -> None:
     case.doubts.append(say.FROM_PHYSICS(columns=", ".join(unnamed), what="position and speed"))
 
 
-def _units_of_motion(case: _Case, t: Array) -> None:
+def _measured_position(case: Case, found: list[tuple[float, int, int]]) -> int:
+    """Return the position that a name says is measured; of a position and its like the rougher, which has the noise."""
+    named = [one for one in found if case.is_measured(one[1])]
+    p = max(named or found)[1]
+    size = float(np.std(case.values[p]))
+    alike = [q for _, q, _ in found if case.is_measured(q) == case.is_measured(p) and _same(case, p, q, size)]
+    chosen = max(alike, key=lambda q: roughness(case.values[q]))
+    others = [q for q in dict.fromkeys(alike) if q != chosen]
+    if others and case.at("theta_ref") is None and not case.is_measured(others[0]):
+        case.take(others[0], "theta_ref", f"as '{case.columns[chosen].label}', and smoother: the reference")
+    return chosen
+
+
+def _same(case: Case, p: int, q: int, size: float) -> bool:
+    """Whether two columns are one quantity, measured and commanded: they differ by little of what either varies."""
+    return float(np.std(case.values[p] - case.values[q])) <= LITTLE * size
+
+
+def _units_of_motion(case: Case, t: Array) -> None:
     """Decide on the units of position and speed where the file states none."""
     position, speed = case.at("theta"), case.at("omega")
     if position is not None and speed is not None:
@@ -399,7 +291,7 @@ def _units_of_motion(case: _Case, t: Array) -> None:
         _unit_alone(case, i, channel)
 
 
-def _unit_alone(case: _Case, i: int, channel: str) -> None:
+def _unit_alone(case: Case, i: int, channel: str) -> None:
     """Decide on the unit of a position or a speed that no other column tells."""
     stated = case.unit[i]
     unit, why = speed_unit(case.values[i], channel, case.motion)
@@ -415,7 +307,7 @@ def _unit_alone(case: _Case, i: int, channel: str) -> None:
         case.assumed.append((channel, unit))
 
 
-def _drives(case: _Case, t: Array) -> None:
+def _drives(case: Case, t: Array) -> None:
     """Find the drive signal: proportional to acceleration plus friction; decide on its unit."""
     position, speed = case.at("theta"), case.at("omega")
     moving = {}
@@ -428,7 +320,7 @@ def _drives(case: _Case, t: Array) -> None:
     if moving and not any(case.at(name) is not None for name in DRIVES):
         tried = {
             i: drive_balance(t, case.values[i], **moving)
-            for i in case.free(_group(case)) if case.values[i].size == t.size
+            for i in case.free(_group(case)) if case.values[i].size == t.size and not case.commanded(i)
         }  # fmt: skip
         fitting = [i for i, one in tried.items() if one.left < EXPLAINED and one.certain > CERTAIN]
         if fitting:
@@ -449,7 +341,7 @@ def _drives(case: _Case, t: Array) -> None:
         _settle(case, i, chosen)
 
 
-def _settle(case: _Case, i: int, chosen: DriveUnit) -> None:
+def _settle(case: Case, i: int, chosen: DriveUnit) -> None:
     if chosen.channel != case.role[i] and chosen.channel not in case.role.values():
         case.role[i] = chosen.channel
     case.unit[i], case.open[i] = chosen.unit, chosen.question
@@ -463,7 +355,7 @@ def _settle(case: _Case, i: int, chosen: DriveUnit) -> None:
         case.assumed.append((case.role[i], chosen.unit))
 
 
-def _spelled(case: _Case, i: int) -> Guess:
+def _spelled(case: Case, i: int) -> Guess:
     """Return the guess with the mapping that reads this column: by name where it is the only one, else by number."""
     channel, column = case.role[i], case.columns[i]
     if channel in case.stated and case.stated[channel][0]:

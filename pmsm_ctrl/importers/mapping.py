@@ -18,20 +18,30 @@ needs a factor: torque in per mille of 2.4 N m is ``torque = "Torque actual valu
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, MappingError, NextCommand, nearest
 from pmsm_ctrl.importers.clock import is_clock
-from pmsm_ctrl.importers.names import counts_of, guess_channel, split_header, unit_of, unit_spelling
+from pmsm_ctrl.importers.names import counts_of, guess_channel, has_letter, split_header, unit_of, unit_spelling
 from pmsm_ctrl.importers.notices import OTHER_UNIT
 from pmsm_ctrl.importers.table import Column, Table, one_line
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import UNITS, encoder_step
 
-__all__ = ["FACTOR", "REQUIRED", "Assignment", "Source", "assign", "find_column", "of_this_file", "stated_factor"]
+__all__ = [
+    "FACTOR",
+    "REQUIRED",
+    "Assignment",
+    "Source",
+    "assign",
+    "find_column",
+    "fits_axis",
+    "of_this_file",
+    "stated_factor",
+]
 
 FACTOR = re.compile(
     r"(?:(?P<factor>[-+]?\d++\.?\d*+(?:e[-+]?\d++)?)\s*+\*|(?P<minus>-))\s*+(?P<column>\S.*)", re.IGNORECASE
@@ -115,7 +125,8 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
     chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, (_, spec) in stated.items()}
     table_complete = design is not None and bool(design.log.channels)
     counted = design is not None and design.sensor.encoder_counts > 0
-    for channel, index, how in _unmapped(table, chosen, guess=not table_complete, counted=counted):
+    kind = design.motion if design is not None else ""
+    for channel, index, how in _unmapped(table, chosen, guess=not table_complete, counted=counted, motion=kind):
         chosen[channel] = (index, "", how)
     motion = _motion(table, design, chosen, scales)
     sources = tuple(
@@ -290,7 +301,7 @@ def _is_counted(unit: str, channel: str) -> bool:
 
 
 def _unmapped(
-    table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: bool, counted: bool
+    table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: bool, counted: bool, motion: str
 ) -> list[tuple[str, int, str]]:
     """Channels for columns that no mapping names: exact names first, then guesses."""
     used = {index for index, _, _ in chosen.values()}
@@ -306,15 +317,36 @@ def _unmapped(
             channel = "t" if column.is_time else guess_channel(column.name)
             if channel is None or channel in chosen or channel in found:
                 continue
+            if has_letter(column.name) and not fits_axis(column.unit, channel, motion):
+                continue
             if _plausible(column, channel) or (counted and _is_counted(column.unit, channel)):
                 found[channel] = (i, "guessed")
+        for channel, i in _lettered(free, motion).items():
+            if channel not in chosen and channel not in found:
+                found[channel] = (i, "guessed")
     return [(channel, i, how) for channel, (i, how) in found.items()]
+
+
+def _lettered(free: Sequence[tuple[int, Column]], motion: str) -> dict[str, int]:
+    """Return the position and the speed that letters name, such as ``x [mm]``: of a known axis, by a unit that fits."""
+    letters = dict.fromkeys("xyz", "theta") | dict.fromkeys("vnw", "omega")
+    named = [(letters.get(column.name.casefold(), ""), i, column) for i, column in free]
+    found = [(channel, i) for channel, i, column in named if channel and column.unit and motion
+             and fits_axis(column.unit, channel, motion)]  # fmt: skip
+    channels = [channel for channel, _ in found]
+    return {channel: i for channel, i in found if channels.count(channel) == 1}
 
 
 def _plausible(column: Column, channel: str) -> bool:
     """Whether the stated unit fits the channel on some kind of axis; no unit does, an unknown one does not."""
     si = (unit_of(column.unit) or ("", 0.0))[0]
     return not column.unit or si in CHANNELS[channel][:2]
+
+
+def fits_axis(unit: str, channel: str, motion: str) -> bool:
+    """Whether a stated unit is one of a channel of this kind of axis; of any kind where `motion` is empty."""
+    kinds = CHANNELS[channel][:2] if not motion else (CHANNELS[channel][motion == "linear"],)
+    return not unit or bool(counts_of(unit)) or (unit_of(unit) or ("", 0.0))[0] in kinds
 
 
 def _motion(

@@ -7,7 +7,7 @@ import re
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["counts_of", "guess_channel", "is_unit", "split_header", "unit_of", "unit_spelling"]
+__all__ = ["counts_of", "guess_channel", "has_letter", "is_unit", "split_header", "unit_of", "unit_spelling"]
 
 # spelling in files, without case -> spelling of pmsm_ctrl.units
 _SPELLINGS = {
@@ -17,8 +17,9 @@ _SPELLINGS = {
     "º/s": "deg/s", "degree/s": "deg/s", "turn": "rev", "turns": "rev", "umdr": "rev", "revs": "rev",
     "u/s": "rev/s", "rad s^-1": "rad/s", "rad·s⁻¹": "rad/s", "rad/sec": "rad/s", "radians": "rad",
     "rad/s²": "rad/s^2", "rad/s2": "rad/s^2", "arms": "A rms", "a_rms": "A rms", "a(rms)": "A rms",
-    "aeff": "A rms", "a eff": "A rms", "apk": "A", "a peak": "A", "amp": "A", "ampere": "A",
-    "amps": "A", "volt": "V", "volts": "V", "n·m": "N m", "n.m": "N m", "n-m": "N m", "newton": "N",
+    "aeff": "A rms", "a eff": "A rms", "apk": "A peak", "a_peak": "A peak", "a(peak)": "A peak",
+    "amp": "A", "ampere": "A", "amps": "A", "volt": "V", "volts": "V", "n·m": "N m", "n.m": "N m", "n-m": "N m",
+    "newton": "N",
     "m/s²": "m/s^2", "m/s2": "m/s^2", "celsius": "degC", "c": "degC", "℃": "degC", "meter": "m",
     "metre": "m", "none": "1",
 }  # fmt: skip
@@ -90,12 +91,38 @@ _NAMES: dict[str, str] = {
     """,
 }
 
+# a quantity with a word before or after it that says which of the two it is; of a letter only after it ("xref")
+_REFERENCE_WORDS = (
+    "ref reference setpoint set sp cmd command commanded demand demanded target desired des soll sollwert consigne "
+    "riferimento rif shirei"
+)
+_MEASURED_WORDS = "act actual ist istwert meas measured measure fbk feedback mesure misurato misurata"
+_STEMS = {
+    "theta": "theta position pos angle winkel phi lage posizione angolo", "i_d": "id", "i_q": "iq",
+    "omega": "omega velocity velo vel speed drehzahl geschwindigkeit vitesse velocita",
+    "alpha": "alpha acceleration accel acc beschleunigung accelerazione",
+}  # fmt: skip
+_LETTERS = {"theta": "x th", "omega": "v n w", "alpha": "a"}
+
+
+def _composed(stems: dict[str, str], *, before: bool) -> dict[str, str]:
+    """Return every name of a quantity and a word: the channel of its reference, or the measured one."""
+    out = {}
+    for quantity, named in stems.items():
+        for words, channel in ((_REFERENCE_WORDS, f"{quantity}_ref"), (_MEASURED_WORDS, quantity)):
+            pairs = [(stem, word) for stem in named.split() for word in words.split() if channel in CHANNELS]
+            out.update({stem + word: channel for stem, word in pairs})
+            out.update({word + stem: channel for stem, word in pairs if before})
+    return out
+
 
 def _folded(name: str) -> str:
     return re.sub(r"[\W_]+", "", name.casefold())
 
 
-_LOOKUP = {alias: channel for channel, aliases in _NAMES.items() for alias in aliases.split()}
+_LETTERED = _composed(_LETTERS, before=False)
+_LOOKUP = _LETTERED | _composed(_STEMS, before=True)
+_LOOKUP |= {alias: channel for channel, aliases in _NAMES.items() for alias in aliases.split()}
 _LOOKUP |= {_folded(channel): channel for channel in CHANNELS if channel not in ("omega_true", "theta_true")}
 
 
@@ -193,10 +220,21 @@ def split_header(cell: str) -> tuple[str, str]:
 def guess_channel(name: str) -> str | None:
     """Return the channel that a column of this name most likely is, or None.
 
-    The last part of a dotted or slashed path is tried as well, so ``MAIN.Axis.ActVelo`` is found.
+    The last parts of a dotted or slashed path are tried as well, so ``MAIN.Axis.ActVelo`` and ``Axis.Setpoint.Speed``
+    are found.
     """
-    for candidate in (name, re.split(r"[./\\:|]", name.strip())[-1]):
+    for candidate in _candidates(name):
         channel = _LOOKUP.get(_folded(candidate))
         if channel is not None:
             return channel
     return None
+
+
+def has_letter(name: str) -> bool:
+    """Whether a name is a letter and a word: ``x_ref``, ``vcmd``. The unit has to fit the axis, or it is another's."""
+    return any(_folded(one) in _LETTERED for one in _candidates(name))
+
+
+def _candidates(name: str) -> tuple[str, ...]:
+    parts = re.split(r"[./\\:|]", name.strip())
+    return name, " ".join(parts[-2:]), parts[-1]

@@ -10,7 +10,7 @@ import unicodedata
 from dataclasses import dataclass
 from functools import lru_cache
 
-__all__ = ["Meaning", "meaning_of"]
+__all__ = ["Meaning", "meaning_of", "says_measured", "says_reference"]
 
 _QUANTITIES = {
     "time": "time zeit temps tempo jikan timestamp zeitstempel",
@@ -26,8 +26,16 @@ _QUANTITIES = {
 }
 _REFERENCES = (
     "reference ref setpoint setpt set soll sollwert demand demanded command commanded cmd target desired des consigne "
-    "riferimento rif shirei mokuhyo mokuhyou sollw vorgabe commande"
+    "riferimento rif shirei mokuhyo mokuhyou sollw vorgabe commande sp tgt"
 )
+# What is said of a measured channel only.
+_MEASURED = (
+    "actual act ist istwert measured meas measure feedback fbk fb reel reelle reale mesure mesuree misurata misurato "
+    "attuale jissai genzai genzaichi kenshutsu fidobakku fiidobakku"
+)
+# Letters of formulas: a quantity where nothing else in the name is one.
+_LETTERS = {"position": "x y z s th", "speed": "v n w om", "acceleration": "a", "current": "i", "torque": "m f"}
+_LETTERS |= {"voltage": "u"}
 # Words of quantities that are no channel: what stands behind one of them is left alone.
 _OTHERS = (
     "error err deviation dev lag following droop abweichung fehler schlepp schleppfehler regelabweichung erreur ecart "
@@ -58,6 +66,8 @@ _KIND: dict[str, tuple[str, str]] = {
     # last, because "iq" is an axis and a current
     **{word: ("quantity", quantity) for quantity, words in _QUANTITIES.items() for word in words.split()},
 }
+_LETTER = {letter: quantity for quantity, letters in _LETTERS.items() for letter in letters.split()}
+_CHOOSING = frozenset((_REFERENCES + " " + _MEASURED).split())
 _SHORTEST_PART = 3  # letters of a word inside a compound; shorter ones stand in any word
 _LINKS = ("en", "s", "n", "e")  # what German puts between the parts of a compound
 _LONGEST = 40  # letters of a word that is taken apart
@@ -80,11 +90,17 @@ class Meaning:
         The words that decided.
     unsure : str
         Why it may be another channel; empty where nothing says so.
+    letter : bool
+        Whether the quantity is the letter of a formula: a unit has to fit the axis.
+    bare : bool
+        Whether that letter is all there is: a unit has to be stated, or an ``x`` to be that of a linear axis.
     """
 
     channel: str
     words: tuple[str, ...]
     unsure: str = ""
+    letter: bool = False
+    bare: bool = False
 
 
 def meaning_of(name: str) -> Meaning | None:
@@ -95,11 +111,31 @@ def meaning_of(name: str) -> Meaning | None:
     name : str
         Of a column, with or without a path before it.
     """
-    for text in (re.split(r"[./\\:|]", name.strip())[-1], name):
+    for text in (_last(name), name):
         found = _understood(_parts(text))
         if found is not None:
             return found
     return None
+
+
+def says_reference(name: str) -> bool:
+    """Whether a name states a reference, in whole words or glued: ``x_soll``, ``vcmd``, ``PosSP``."""
+    last, before = _parts(_last(name)), _parts(" ".join(re.split(r"[./\\:|]", name.strip())[-2:-1]))
+    stated = set(_REFERENCES.split())
+    return not stated.isdisjoint(last) or (stated.issuperset(before) and bool(before) and not _said_measured(last))
+
+
+def says_measured(name: str) -> bool:
+    """Whether a name states a measurement, in whole words or glued: ``x_ist``, ``vact``, ``PosMeas``."""
+    return not says_reference(name) and _said_measured(_parts(_last(name)))
+
+
+def _said_measured(words: list[str]) -> bool:
+    return not set(_MEASURED.split()).isdisjoint(words)
+
+
+def _last(name: str) -> str:
+    return re.split(r"[./\\:|]", name.strip())[-1]
 
 
 def _parts(text: str) -> list[str]:
@@ -116,6 +152,11 @@ def _taken_apart(word: str) -> tuple[str, ...]:
     """Return a known word as it is, a compound of known words as those, and any other word unchanged."""
     if word in _KIND or len(word) > _LONGEST:
         return (word,)
+    for cut in (1, 2):  # xref, thsoll
+        if word[:cut] in (*_LETTER, "iq", "id", "uq", "ud") and word[cut:] in _CHOOSING:
+            return (word[:cut], word[cut:])
+    if word.endswith("sp") and (parts := _taken_apart(word[:-2])) and all(part in _KIND for part in parts):
+        return (*parts, "sp")
     # best[k]: the fewest words that make up the first k letters
     best: list[tuple[str, ...] | None] = [()] + [None] * len(word)
     for stop in range(_SHORTEST_PART, len(word) + 1):
@@ -135,6 +176,9 @@ def _understood(words: list[str]) -> Meaning | None:
     if any(kind == "other" for kind, _ in kinds):
         return None
     quantities = list(dict.fromkeys(quantity for kind, quantity in kinds if kind == "quantity"))
+    letters = [] if quantities else [word for word in words if word in _LETTER]
+    if len(letters) == 1:
+        return _by_letter(letters[0], [word for word in words if word != letters[0]])
     axis = next((axis for axis, own in _AXES.items() if set(words) & set(own.split())), "")
     if quantities[:1] == ["current"] and "current" in words:  # the current position is the present one
         quantities = quantities[1:] or quantities
@@ -164,3 +208,21 @@ def _understood(words: list[str]) -> Meaning | None:
         return Meaning("theta_load" if quantity == "position" else "T_load", known, unsure)
     found = _CHANNELS.get((quantity, reference), "")
     return Meaning(found, known, unsure) if found else None
+
+
+def _by_letter(letter: str, rest: list[str]) -> Meaning | None:
+    """Return what a letter of a formula means beside words that say which: ``x soll``, ``i q cmd``, ``n ist motor``."""
+    quantity = _LETTER[letter]
+    kinds = [_KIND.get(word, ("", ""))[0] for word in rest]
+    axes = [axis for axis, own in _AXES.items() if set(rest) & set(own.split())]
+    electric, said = quantity in ("current", "voltage"), [word for word in rest if word in _CHOOSING]
+    if set(kinds) - {"reference", "neutral", "axis"} or len(axes) > electric or (rest and not said and not axes):
+        return None
+    reference, unsure = "reference" in kinds, ""
+    channel = _CHANNELS.get((quantity, reference), "")
+    if quantity == "voltage" and axes:
+        channel = f"u_{axes[0]}"
+    elif quantity == "current" and rest:
+        channel = f"i_{axes[0] if axes else 'q'}" + ("_ref" if reference else "")
+        unsure = "" if axes else "the name does not say which current"
+    return Meaning(channel, (letter, *said), unsure, letter=True, bare=not rest) if channel else None

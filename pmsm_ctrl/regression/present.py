@@ -74,17 +74,23 @@ def _relative(errors: Errors) -> str:
 def spread_sentence(spreads: Sequence[RecordSpread]) -> str | None:
     """Return by how much friction drifts between records, as a sentence; None for a single record.
 
+    Where the records tell of no spread, that is a bound of what each deviates by, and no number that looks measured.
+
     Parameters
     ----------
     spreads : sequence of RecordSpread
     """
-    parts = []
-    for one in spreads:
-        share = f" ({percent(one.relative)})" if one.relative is not None else ""
-        parts.append(f"{SYMBOLS[one.symbol]} {with_prefix(one.value, one.unit)}{share}")
-    said = f"Standard deviation between records: {', '.join(parts)}"
-    first = spreads[0] if spreads else None
-    if first is None:
+    if not spreads:
         return None
+    told = ", ".join(_sized(one, one.value) for one in spreads if one.below is None)
+    within = ", ".join(_sized(one, one.below, "below ") for one in spreads if one.below is not None)
+    said = [f"Standard deviation between records: {told}"] if told else []
+    said += [f"Deviation of each record from all: {within}"] if within else []
+    first = spreads[0]
     assumed = f"{with_prefix(first.assumed, first.unit)} of {SYMBOLS[first.symbol]}"
-    return f"{said}. An assumed {assumed} counts as one more record."
+    return f"{'. '.join(said)}. An assumed {assumed} counts as one more record."
+
+
+def _sized(one: RecordSpread, value: float, before: str = "") -> str:
+    share = f" ({percent(one.relative * value / one.value)})" if one.relative is not None and one.value else ""
+    return f"{SYMBOLS[one.symbol]} {before}{with_prefix(value, one.unit)}{share}"

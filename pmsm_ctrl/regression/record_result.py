@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.evidence.tests import f_tail
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression import notices
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.model import Solved
-from pmsm_ctrl.regression.records import LEVELS, members, usual_spread
+from pmsm_ctrl.regression.records import COUNTS, LEVELS, members, usual_spread
 from pmsm_ctrl.regression.spread import Levels, disagreement, levels_of
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
@@ -35,6 +36,10 @@ Errors = Mapping[str, Mapping[str, Any]]  # balance -> rms, unit, relative
 
 UNITS = {"dF_c": "N m", "dF_v": "N m s/rad", "offset": "N m"}
 MEANS = {"dF_c": "F_c", "dF_v": "F_v"}  # what a level deviates from
+TOLD = 0.05  # significance from which on records differ by more than their errors
+MANY = 10**6  # degrees of freedom of the errors, which are taken as known
+RAISED = 1.2  # times what the assumption alone makes of the spread, from which on the records make it
+WITHIN = 1.96  # standard errors of a deviation in which it lies, at 95 %
 SURE = 0.01  # family-wise significance from which on a record disagrees
 
 
@@ -98,6 +103,10 @@ class RecordSpread:
         As a share of the mean; None where there is none to be compared with.
     assumed : float
         What is assumed before the records speak, in `unit`; it counts as one more record.
+    below : float or None
+        Where the records do not differ by more than their errors, or by little beside what was assumed: what no record
+        deviates by, in `unit`, at 95 %. The value is then the assumption, and was not measured. None where it was, or
+        nothing tells.
     """
 
     symbol: str
@@ -105,6 +114,7 @@ class RecordSpread:
     unit: str
     relative: float | None = None
     assumed: float = 0.0
+    below: float | None = None
 
 
 def own_rows(
@@ -184,13 +194,15 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
-def record_spreads(record: Record, fit: Solved) -> tuple[RecordSpread, ...]:
+def record_spreads(record: Record, fit: Solved, rows: Sequence[RecordResult] = ()) -> tuple[RecordSpread, ...]:
     """Return by how much each level differs between records; nothing for a log that is one record.
 
     Parameters
     ----------
     record : Record
     fit : Solved
+    rows : sequence of RecordResult
+        Of the records, whose deviations tell whether they differ by more than their errors.
     """
     count = len(record.records)
     if count < 2:
@@ -203,8 +215,28 @@ def record_spreads(record: Record, fit: Solved) -> tuple[RecordSpread, ...]:
         mean = values.get(MEANS.get(symbol, ""), 0.0)
         relative = abs(spread / mean) if mean else None
         unit = axis_unit(UNITS[symbol], record.prepared.motion)
-        out.append(RecordSpread(symbol, spread, unit, relative, assumed[symbol]))
+        alone = assumed[symbol] * (COUNTS / (COUNTS + count - 1.0)) ** 0.5
+        own = [row.deviations[symbol] for row in rows if symbol in row.deviations]
+        below = _bound(own) if own and (spread <= RAISED * alone or _within_errors(own, symbol)) else None
+        out.append(RecordSpread(symbol, spread, unit, relative, assumed[symbol], below))
     return tuple(out)
+
+
+def _within_errors(deviations: Sequence[Estimate], symbol: str) -> bool:
+    """Whether the deviations of all records together are within their errors.
+
+    Deviations from a mean of the records have one degree of freedom less, and a smaller error for it.
+    """
+    if not all(one.stderr > 0.0 for one in deviations):
+        return False
+    count = len(deviations)
+    free, share = (count - 1, 1.0 - 1.0 / count) if symbol in MEANS else (count, 1.0)
+    square = share * sum((one.value / one.stderr) ** 2 for one in deviations)
+    return f_tail(square / free, free, MANY) >= TOLD
+
+
+def _bound(deviations: Sequence[Estimate]) -> float:
+    return max(abs(one.value) + WITHIN * one.stderr for one in deviations)
 
 
 def record_notices(rows: Iterable[RecordResult]) -> Iterator[Notice]:

@@ -1,4 +1,7 @@
-"""Numbers as text with sensible digits: `present.py` of every room writes its cells with these."""
+"""Numbers as text with sensible digits: `present.py` of every room writes its cells with these.
+
+What rounds to zero has no sign: ``+ 0.0`` makes a zero of a negative one.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ def number(value: float, digits: int = 4) -> str:
     str
         "-" for NaN.
     """
-    return "-" if math.isnan(value) else f"{value:.{digits}g}"
+    return "-" if math.isnan(value) else f"{value + 0.0:.{digits}g}"
 
 
 def percent(share: float, decimals: int = 2) -> str:
@@ -41,7 +44,7 @@ def percent(share: float, decimals: int = 2) -> str:
     str
         Such as "12.30 %"; "-" for NaN.
     """
-    return "-" if math.isnan(share) else f"{100.0 * share:.{decimals}f} %"
+    return "-" if math.isnan(share) else f"{round(100.0 * share, decimals) + 0.0:.{decimals}f} %"
 
 
 def fit(share: float) -> str:
@@ -86,6 +89,7 @@ def with_error(value: float, stderr: float, unit: str = "", ends: tuple[float, f
         Written behind; "1" is not.
     ends : (float, float), optional
         Of the 95 % interval, where the standard error does not tell them; infinite where the data do not bound it.
+        Equal ones, of a value that could not move, are left out.
 
     Returns
     -------
@@ -93,7 +97,7 @@ def with_error(value: float, stderr: float, unit: str = "", ends: tuple[float, f
         Such as "5230 ± 260", "8.9900e-05 ± 1.2e-08 kg m^2" or "0.522 (95 %: 0.359 to 0.757)".
     """
     behind = f" {unit}" if unit not in ("", "1") else ""
-    if ends is not None:
+    if ends is not None and ends[0] < ends[1]:
         return f"{number(value)} (95 %: {_between(*ends)}){behind}"
     if not (math.isfinite(value) and math.isfinite(stderr) and stderr > 0.0):
         return number(value) + behind
@@ -101,8 +105,8 @@ def with_error(value: float, stderr: float, unit: str = "", ends: tuple[float, f
     first = math.floor(math.log10(max(abs(value), stderr)))
     if -3 <= first < 6:
         decimals = max(0, -last)
-        return f"{round(value, -last):.{decimals}f} ± {round(stderr, -last):.{decimals}f}{behind}"
-    return f"{value:.{max(0, first - last)}e} ± {stderr:.1e}{behind}"
+        return f"{round(value, -last) + 0.0:.{decimals}f} ± {round(stderr, -last):.{decimals}f}{behind}"
+    return f"{round(value, -last) + 0.0:.{max(0, first - last)}e} ± {stderr:.1e}{behind}"
 
 
 def _between(low: float, high: float) -> str:
@@ -134,4 +138,4 @@ def with_prefix(value: float, unit: str, digits: int = 2) -> str:
     factor, prefix = next((pair for pair in _PREFIXES if abs(value) >= 0.1 * pair[0]), _PREFIXES[-1])
     if value == 0.0:
         factor, prefix = 1.0, ""
-    return f"{float(f'{value / factor:.{digits}g}'):g} {prefix}{unit}"
+    return f"{float(f'{value / factor:.{digits}g}') + 0.0:g} {prefix}{unit}"

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.effects.signals import SIGNALS
+from pmsm_ctrl.effects.soundness import value_at
 from pmsm_ctrl.effects.structures.interface import SecondMass
 from pmsm_ctrl.errors import DesignError
 
@@ -158,21 +159,20 @@ def _winding(bound: Sequence[Bound], plant: Plant, i_max: float) -> tuple[float,
                 for axis in ("i_d", "i_q")
             )
         if "di_q" in effect.signals and math.isfinite(i_max):
-            high, low = (effect.py_term(*_arguments(effect, values, i_q=i_max, di_q=rate)) for rate in (1.0, 0.0))
+            high, low = (_value(effect, values, i_q=i_max, di_q=rate) for rate in (1.0, 0.0))
             L_q += float(high[1]) - float(low[1])
     return resistance, max(L_q, 0.05 * plant.L_q)
 
 
 def _pair(effect: Effect, values: Mapping[str, float], axis: str, step: float) -> Iterator[tuple[float, float]]:
     """Yield the term's d and q voltages at a current of + and - `step`, A."""
-    high, low = (effect.py_term(*_arguments(effect, values, **{axis: sign * step})) for sign in (1.0, -1.0))
+    high, low = (_value(effect, values, **{axis: sign * step}) for sign in (1.0, -1.0))
     yield from zip(high, low, strict=True)
 
 
 def _term(effect: Effect, values: Mapping[str, float], **signals: float) -> float:
-    return float(effect.py_term(*_arguments(effect, values, **signals)))
+    return float(_value(effect, values, **signals))
 
 
-def _arguments(effect: Effect, values: Mapping[str, float], **signals: float) -> tuple[float, ...]:
-    known = dict.fromkeys(SIGNALS, 0.0) | signals | dict(values)
-    return tuple(known[name] for name in effect.arguments)
+def _value(effect: Effect, values: Mapping[str, float], **signals: float) -> Any:
+    return value_at(effect, dict.fromkeys(SIGNALS, 0.0) | signals | dict(values))

@@ -132,6 +132,7 @@ OPTIONS = [
     ("simulate", "--set cycles=1e9", "cycles"),
     ("simulate", "--scenario nonsense", "nonsense"),
     ("simulate", "--output none/new.csv", "no folder"),
+    ("tune", "--current-bandwidth -5", "Invalid value for '--current-bandwidth': -5: a positive"),
     ("compensate", "--step 0", "--step"),
     ("compensate", "--truth none.toml", "none.toml"),
     ("track", "--estimate F_c", "estimate"),

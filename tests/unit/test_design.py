@@ -337,7 +337,7 @@ ASSUMED = "[motor]\nJ = 1.0\nK_t = 1.0\n[assumed]\n"
         ("[motor]\nJ = 1.0\nK_t = 1.0\n[drive]\nplant_steps = 1.5", ["drive.plant_steps", "1.5"]),
         ("[motor]\nJ = 1.0\nK_t = 1.0\n[loops.current]\nK_p = 1.0", ["loops", "missing"]),
         ("[motor]\nJ = 1.0\nK_t = 1.0\n[[effects]]\nF_c = 1.0", ["effects.0.id", "missing"]),
-        ("[motor]\nJ = 1.0\nK_t = 1.0\n[[effects]]\nid = 'coulomb'\nF_c = 'x'", ["effects.0", "F_c", "'x'"]),
+        ("[motor]\nJ = 1.0\nK_t = 1.0\n[[effects]]\nid = 'coulomb'\nF_c = 'x'", ["effects.coulomb.F_c", "'x'"]),
         ("[motor]\nJ = 1.0\nK_t = 1.0\ntolerance = { Jx = 0.1 }", ["motor.tolerance", "Jx", "accepted: J, psi_f"]),
         ("[motor]\nJ = 1.0\nK_t = 1.0\n" + 1000 * "[[effects]]\nid = 'cogging'\n", ["effects", "1000", "at most 100"]),
         ("motor = 3", ["motor", "3"]),
@@ -381,3 +381,9 @@ def test_unwritable_place_is_refused_and_nothing_is_left(tmp_path: Path) -> None
     with pytest.raises(RequestError, match="is a folder"):
         Design.from_dict({"motor": MOTOR}).write(tmp_path / "folder")
     assert [p.name for p in tmp_path.iterdir()] == ["folder"]
+
+
+@pytest.mark.parametrize(("source", "hint"), [({}, "a dict found"), (None, "a NoneType found"), (3, "an? int found")])
+def test_what_is_no_path_of_a_design_is_one_line(source: Any, hint: str) -> None:
+    with pytest.raises(DesignError, match=rf"{hint}; the path of a design in TOML was expected"):
+        Design.read(source)

@@ -193,6 +193,8 @@ def test_dry_friction_at_standstill_follows_the_impending_motion(effect: Effect,
 @each_effect
 def test_design_with_this_effect_survives_toml(effect: Effect, rng: np.random.Generator, tmp_path: Path) -> None:
     values = parameters_of(effect, rng)
+    if effect.order:
+        values[effect.order] = float(round(values[effect.order]))
     stderr = {symbol: abs(value) / 7 for symbol, value in values.items()}
     design = Design.from_dict({"motor": MOTOR}).with_effect(effect.id, values, stderr)
     again = Design.read(design.write(tmp_path / "design.toml"))
@@ -210,7 +212,8 @@ def test_left_out_parameters_take_their_start_values(effect: Effect) -> None:
 def test_unknown_parameter_is_refused_with_file_and_field(effect: Effect, tmp_path: Path) -> None:
     path = tmp_path / "wrong.toml"
     symbol = effect.parameters[0].symbol
-    Design.from_dict({"motor": MOTOR}).with_effect(effect.id, {f"{symbol}x": 1.0}).write(path)
+    entry = {"id": effect.id, f"{symbol}x": 1.0}
+    Design.from_dict({"motor": MOTOR, "effects": [entry]}).write(path)
     with pytest.raises(DesignError) as caught:
         bound_effects(Design.read(path))
     message = str(caught.value)
@@ -221,7 +224,8 @@ def test_unknown_parameter_is_refused_with_file_and_field(effect: Effect, tmp_pa
 
 def test_a_standard_error_of_an_unknown_parameter_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "wrong.toml"
-    Design.from_dict({"motor": MOTOR}).with_effect("coulomb", {"F_c": 0.1}, {"F_x": 1.0}).write(path)
+    entry = {"id": "coulomb", "F_c": 0.1, "stderr": {"F_x": 1.0}}
+    Design.from_dict({"motor": MOTOR, "effects": [entry]}).write(path)
     with pytest.raises(DesignError) as caught:
         bound_effects(Design.read(path))
     expected = f"{path}: effects.coulomb.stderr.F_x: unknown parameter; did you mean 'F_c'? (known: F_c)"
@@ -272,7 +276,7 @@ def _own_effect(identifier: str = "magnet_brake") -> Effect:
 
 def test_own_effect_works_beside_the_catalogue() -> None:
     own = _own_effect()
-    design = Design.from_dict({"motor": MOTOR}).with_effect("magnet_brake", {"k": 0.5})
+    design = Design.from_dict({"motor": MOTOR, "effects": [{"id": "magnet_brake", "k": 0.5}]})
     with pytest.raises(DesignError, match="magnet_brake"):
         bound_effects(design)
     carrying = design.with_own_effects(own)
@@ -371,3 +375,28 @@ def test_bounds_leave_room_whatever_a_fit_says_of_the_axis(effect: Effect) -> No
     for J, F_c, dry in itertools.product((-1e-4, 0.0, 1e-4), (-0.01, 0.0, 0.01), (0.0, 0.01)):
         for low, high in effect.structure.bounds(effect, Known(J=J, F_c=F_c, dry=dry), shape).values():
             assert low < high
+
+
+def test_an_unknown_effect_is_refused_at_once_with_close_matches() -> None:
+    design = Design.from_dict({"motor": MOTOR})
+    for change in (design.with_effect, design.add_effect):
+        with pytest.raises(DesignError, match=r"unknown effect 'cogg'; did you mean 'cogging'\?"):
+            change("cogg", {})
+        with pytest.raises(DesignError, match=r"effects.cogging.ordr: unknown parameter; did you mean 'order'\?"):
+            change("cogging", {"ordr": 6.0})
+
+
+@pytest.mark.parametrize("effect", [pytest.param(e, id=e.id) for e in CATALOGUE.values() if e.order])
+def test_an_order_of_a_turn_is_a_whole_number(effect: Effect, tmp_path: Path) -> None:
+    design = Design.from_dict({"motor": MOTOR})
+    message = rf"effects.{effect.id}.{effect.order}: found 2.5; a whole number"
+    with pytest.raises(DesignError, match=message):
+        design.with_effect(effect.id, {effect.order: 2.5})
+    path = Design.from_dict({"motor": MOTOR, "effects": [{"id": effect.id, effect.order: 2.5}]}).write(
+        tmp_path / "a.toml"
+    )
+    with pytest.raises(DesignError, match=message) as refused:
+        bound_effects(Design.read(path))
+    assert str(refused.value).startswith(f"{path}: ")
+    line = Design.from_dict({"motion": "linear", "motor": {"J": 1.0, "K_t": 10.0}})  # an order is one of a metre
+    assert bound_effects(line.with_effect(effect.id, {effect.order: 2.5}))

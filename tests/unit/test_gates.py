@@ -11,7 +11,8 @@ import pytest
 import typer
 
 from pmsm_ctrl import Design, Log
-from pmsm_ctrl.cli import main
+from pmsm_ctrl.cli import app, main
+from pmsm_ctrl.console import run
 from pmsm_ctrl.gates import FailOn, require_accepted
 from pmsm_ctrl.regression.record_result import RecordResult
 from pmsm_ctrl.result import Verdict
@@ -96,3 +97,10 @@ def test_on_the_command_line_json_goes_to_stdout_and_all_else_to_stderr(
     assert "accepted: unexplained, implausible, inconclusive, any; diagnose takes missing" in said_of_missing
     assert said_of_missing.count("\n") == 1
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["axis.toml", "l.csv"]
+
+
+def test_an_unknown_condition_is_refused_without_the_words_of_a_library(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(app, ["diagnose", "a.csv", "--design", "a.toml", "--fail-on", "foo"]) == 2
+    shown = capsys.readouterr().err
+    assert "'foo' is not one of 'missing'" in shown
+    assert "Value error" not in shown

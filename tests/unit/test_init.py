@@ -231,7 +231,8 @@ def test_nothing_is_overwritten_without_force(capsys: pytest.CaptureFixture[str]
         ({"speed_loop": "3 kHz"}, "nearest that does is 3200 Hz"),
         ({"pole_pairs": "2.5"}, "whole number"),
         ({"pole_pairs": "-4"}, "pole pairs"),
-        ({"inertia": "-1 kg cm2"}, "motor.J"),
+        ({"inertia": "-1 kg cm2"}, "--inertia '-1 kg cm2': a number above zero was expected: rotor inertia"),
+        ({"friction": "-1 N m"}, "--friction '-1 N m': a number of at least zero was expected: friction torque"),
     ],
 )
 def test_a_bad_sheet_writes_nothing(

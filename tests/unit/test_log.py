@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -117,3 +118,19 @@ def test_every_channel_has_units_and_a_meaning() -> None:
         assert rotary
         assert linear
         assert meaning
+
+
+@pytest.mark.parametrize(
+    ("values", "found"),
+    [
+        (np.array([1.0 + 2.0j, 0.0, 0.0]), "complex numbers"), ([1.0 + 2.0j, 0.0, 0.0], "complex numbers"),
+        (["a", "b", "c"], "text"), (["1", "2", "3"], "text"), ([1.0, [2.0], 3.0], "list of object"),
+        ([1.0, None, "x"], "list of object"), ({"a": 1.0}, "dict of object"),
+    ],
+)  # fmt: skip
+def test_values_that_are_no_real_numbers_are_refused_with_the_channel(values: Any, found: str) -> None:
+    t = np.arange(3) * 1e-3
+    with pytest.raises(LogError, match=rf"channel 'omega': {found} found; an array of real numbers was expected"):
+        Log({"t": t, "omega": values})
+    with pytest.raises(LogError, match="channel 'omega': "):
+        Log({"t": t}).with_channels(omega=values)

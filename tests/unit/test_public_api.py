@@ -144,8 +144,8 @@ RECORD = Log({"t": TIME, "omega": np.sin(TIME), "i_q": np.cos(TIME)})
         (lambda: pmsm_ctrl.read_log(SERVO, "axis.csv"), "read_log(source, design): design: str found"),
         (lambda: pmsm_ctrl.read_log("axis.csv", "axis.toml"), "read_log(source, design): design: str found"),
         (lambda: Log(TIME, {"omega": TIME}), "channels of a log: ndarray found; a Mapping was expected: Log({'t': t"),
-        (lambda: SERVO.with_effect("stribeck", {"dF_s": "a"}), "effect 'stribeck': parameters.dF_s: found 'a', but"),
-        (lambda: SERVO.add_effect("cogging", {"A": float("nan")}), "effect 'cogging': parameters.A: found nan, but"),
+        (lambda: SERVO.with_effect("stribeck", {"dF_s": "a"}), "effect 'stribeck': dF_s: found 'a', but"),
+        (lambda: SERVO.add_effect("cogging", {"A": float("nan")}), "effect 'cogging': A: found nan, but"),
     ],
 )  # fmt: skip
 def test_an_argument_of_another_kind_is_one_line(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pmsm_ctrl.identify import identify
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit
 from pmsm_ctrl.regression.records import COUNTS, LEVELS, contrasts
@@ -111,3 +112,26 @@ def _members(fit: Estimated) -> np.ndarray:
     from pmsm_ctrl.regression.records import members
 
     return members(fit.record)
+
+
+def test_records_that_do_not_differ_have_a_bound_and_no_spread() -> None:
+    alike = identify(DESIGN, records([{}, {}]))
+    bounds = {one.symbol: one.below for one in alike.spreads}
+    assert set(bounds) == {"dF_c", "dF_v", "offset"}
+    for one in alike.spreads:
+        errors = [row.deviations[one.symbol] for row in alike.records]
+        assert one.below is not None
+        assert one.below == pytest.approx(max(abs(e.value) + 1.96 * e.stderr for e in errors))
+    text = alike.summary(width=250)
+    assert "Standard deviation between records" not in text
+    assert "Deviation of each record from all: dry friction below " in text
+    json_rows = alike.to_dict()["spread_between_records"]
+    assert all(row["below"] is not None for row in json_rows)
+
+
+def test_records_that_differ_have_a_spread() -> None:
+    own = [{"dF_c": 0.004}, {"dF_c": -0.004}, {"dF_c": 0.001}, {}]
+    found = identify(DESIGN, records(own))
+    assert {one.symbol: one.below for one in found.spreads}["dF_c"] is None
+    text = found.summary(width=250)
+    assert "Standard deviation between records: dry friction " in text

@@ -34,6 +34,10 @@ def test_p_values_stop_where_they_say_nothing_more() -> None:
         (3.14159, math.nan, "s", "3.142 s"),
         (3.14159, 0.0, "s", "3.142 s"),
         (math.nan, 1.0, "", "-"),
+        (-1e-5, 0.0021, "N m", "0.0000 ± 0.0021 N m"),
+        (-1e-9, 1e-5, "N m", "0.0e+00 ± 1.0e-05 N m"),
+        (-0.0, 0.0, "N m", "0 N m"),
+        (45.07177, 0.00027, "deg", "45.07177 ± 0.00027 deg"),
     ],
 )
 def test_a_value_is_rounded_to_its_error(value: float, stderr: float, unit: str, expected: str) -> None:
@@ -60,3 +64,14 @@ def test_prefixes(value: float, unit: str, expected: str) -> None:
 
 def test_a_simulation_that_drifts_away_has_no_share() -> None:
     assert [fit(share) for share in (1.0, 0.9881, 0.0, -123.11)] == ["100.00 %", "98.81 %", "0.00 %", "drifts away"]
+
+
+def test_a_zero_has_no_sign() -> None:
+    assert [number(-0.0), percent(-1e-9), with_prefix(-0.0, "N m"), fit(0.0)] == ["0", "0.00 %", "0 N m", "0.00 %"]
+
+
+def test_an_interval_that_is_a_point_is_left_out() -> None:
+    assert with_error(0.0, math.nan, "N m", (0.0, 0.0)) == "0 N m"
+    assert with_error(0.522, math.nan, "", (0.359, 0.757)) == "0.522 (95 %: 0.359 to 0.757)"
+    assert with_error(0.5, math.nan, "", (-math.inf, math.inf)) == "0.5 (95 %: not bounded)"
+    assert with_error(0.5, math.nan, "", (0.2, math.inf)) == "0.5 (95 %: above 0.2)"

@@ -1,0 +1,177 @@
+"""The columns of a file whose names say which channel they are, and what has been decided of them so far."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.importers import notices as say
+from pmsm_ctrl.importers.mapping import fits_axis
+from pmsm_ctrl.importers.names import counts_of, guess_channel, has_letter, unit_of, unit_spelling
+from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.importers.vocabulary import Meaning, meaning_of, says_measured, says_reference
+from pmsm_ctrl.log import CHANNELS
+from pmsm_ctrl.section import Notice
+
+__all__ = ["AS_STATED", "Case", "Guess", "fits", "leave_constants", "take_by_name"]
+
+LOOKED_AT = 200_000  # samples of each column
+MOST = 40  # columns whose physics is looked at
+AS_STATED = "as stated"
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One channel: its column, how a mapping spells it, and why.
+
+    Attributes
+    ----------
+    channel : str
+    column : int
+        -1 for a computed time.
+    label : str
+        The column as the file names it.
+    mapping : str
+    reasons : tuple of str
+    open_question : str
+        What has to be filled in before the mapping can be used; empty where nothing has.
+    """
+
+    channel: str
+    column: int
+    label: str
+    mapping: str
+    reasons: tuple[str, ...]
+    open_question: str = ""
+
+
+class Case:
+    """The columns of a file with what has been decided so far."""
+
+    def __init__(self, table: Table, design: Design | None, stated: Mapping[str, tuple[str, int, str]]) -> None:
+        self.table, self.design, self.stated = table, design, stated
+        self.columns = table.columns
+        self.usable = [i for i, c in enumerate(self.columns) if not c.is_text]
+        loaded = dict(zip(self.usable, table.load(self.usable), strict=True))
+        self.values: dict[int, Array] = {i: v[:LOOKED_AT] for i, v in loaded.items()}
+        self.role: dict[int, str] = {at: channel for channel, (_, at, _) in stated.items()}
+        self.why: dict[int, list[str]] = {at: [AS_STATED] for at in self.role}
+        self.unit: dict[int, str] = {at: unit or self.columns[at].unit for _, at, unit in stated.values()}
+        self.factor: dict[int, float] = {}
+        self.open: dict[int, str] = {}
+        self.doubts: list[Notice] = []
+        self.assumed: list[tuple[str, str]] = []
+        self.seen_as: dict[int, str] = {}
+        self.clock: Guess | None = None
+        self.motion = design.motion if design is not None else "rotary"
+
+    def at(self, channel: str) -> int | None:
+        """Return the column that is this channel, None where there is none yet."""
+        return next((i for i, role in self.role.items() if role == channel), None)
+
+    def spoiled(self, i: int) -> bool:
+        """Whether a column has cells without a number."""
+        return not np.isfinite(self.values[i]).all()
+
+    def commanded(self, i: int) -> bool:
+        """Whether the name of a column states a reference, which is never a measured channel."""
+        return says_reference(self.columns[i].name)
+
+    def is_measured(self, i: int) -> bool:
+        """Whether the name of a column states a measurement."""
+        return says_measured(self.columns[i].name)
+
+    def take(self, i: int, channel: str, *reasons: str) -> None:
+        """Decide that a column is a channel."""
+        self.role[i] = channel
+        self.why.setdefault(i, []).extend(reasons)
+        self.unit.setdefault(i, self.columns[i].unit)
+
+    def free(self, group: int) -> list[int]:
+        """Return the columns of a time base that vary and are no channel yet."""
+        return [
+            i for i in self.usable
+            if i not in self.role and self.columns[i].group == group and i not in self.seen_as
+        ][:MOST]  # fmt: skip
+
+
+def leave_constants(case: Case) -> None:
+    """Set columns aside that hold cells without a number, or one number only."""
+    for i, values in case.values.items():
+        if not np.isfinite(values).all():
+            case.seen_as[i] = "cells that hold no number"
+        elif values.size and np.ptp(values) == 0.0:
+            case.seen_as[i] = f"constant, {values[0]:.6g}"
+
+
+def fits(column: Column, channel: str) -> bool:
+    """Whether a stated unit fits a channel; a share of a rated value fits drive signals."""
+    if not column.unit:
+        return True
+    if unit_spelling(column.unit) in ("%", "‰") and channel in ("torque", "i_q", "i_q_ref", "T_load"):
+        return True
+    if counts_of(column.unit):
+        return counts_of(column.unit) == CHANNELS[channel][0]
+    return (unit_of(column.unit) or ("", 0.0))[0] in CHANNELS[channel][:2]
+
+
+def take_by_name(case: Case) -> None:
+    """Take the columns whose names say what they are: exact names first, then words; actual before commanded."""
+    exact: list[tuple[int, str]] = []
+    words: list[tuple[int, str, str, str]] = []
+    bare: set[int] = set()
+    for i in case.usable:
+        if i in case.role:
+            continue
+        column = case.columns[i]
+        name = "t" if column.is_time or column.is_date else guess_channel(column.name)
+        if name is not None and fits(column, name) and not (has_letter(column.name) and _of_another(case, i, name)):
+            exact.append((i, name))
+        elif (meaning := _meaning(case, i)) is not None and fits(column, meaning.channel):
+            bare.update([i] if meaning.bare else [])
+            words.append((i, meaning.channel, ", ".join(meaning.words), meaning.unsure))
+    exact.sort(key=lambda one: not case.is_measured(one[0]))
+    for i, channel in exact:
+        if channel not in case.role.values() and not case.spoiled(i):
+            case.take(i, channel, f"named '{case.columns[i].name}'")
+    for i, channel, said, unsure in sorted(words, key=lambda one: (bool(one[3]), one[0] in bare)):
+        if channel in case.role.values() or case.spoiled(i):
+            continue
+        if channel == "torque" and "command" in unsure and "i_q" in case.role.values():
+            case.seen_as[i] = unsure
+            continue
+        case.take(i, channel, f"its name contains {said}", *([unsure] if unsure else []))
+        if unsure:
+            case.doubts.append(say.UNSURE_NAME(column=case.columns[i].label, channel=channel, reason=unsure))
+    _say_several(case, [*exact, *((i, channel) for i, channel, *_ in words if i in bare)])
+
+
+def _meaning(case: Case, i: int) -> Meaning | None:
+    """Return what the words of a name mean; a letter alone needs a unit, and every letter one of this kind of axis."""
+    meaning = meaning_of(case.columns[i].name)
+    if meaning is None or not meaning.letter:
+        return meaning
+    linear_x = meaning.channel == "theta" and case.motion == "linear"
+    if (meaning.bare and not case.columns[i].unit and not linear_x) or _of_another(case, i, meaning.channel):
+        return None
+    return meaning
+
+
+def _of_another(case: Case, i: int, channel: str) -> bool:
+    """Whether the unit of a column is that of another kind of axis than the design's."""
+    return not fits_axis(case.columns[i].unit, channel, "" if case.design is None else case.motion)
+
+
+def _say_several(case: Case, exact: list[tuple[int, str]]) -> None:
+    """Doubt a channel that several columns are named after, as the joints of a robot are."""
+    for channel in ("theta", "omega", "torque", "i_q"):
+        taken = case.at(channel)
+        others = [i for i, name in exact if name == channel and i != taken]
+        if taken is None or not others:
+            continue
+        case.seen_as.update((i, f"{channel} as well") for i in others)
+        names = {"column": case.columns[taken].label, "other": case.columns[others[0]].label}
+        case.doubts.append(say.SEVERAL_COLUMNS(channel=channel, count=len(others) + 1, **names))
