@@ -104,14 +104,15 @@ def study(
         headline = of_diagnosis(found, comparison)
     now = _entry(design, records, identification)
     entries = () if history is None else extended(before, now)
+    outcome = Study(identification.design, path, headline, results, (), entries, complete)
     if complete:
         more, missing = drive_parts(
-            identification.design, records[0], path, seed=seed, progress=lambda s: advance(0.95 + 0.05 * s)
+            outcome.completed, records[0], path, seed=seed, progress=lambda s: advance(0.95 + 0.05 * s)
         )
-        results |= more
+        outcome = replace(outcome, results=results | more)
         left_out += missing
     doubts = (*left_out, *_of_input(design, records, holdouts))
-    outcome = Study(identification.design, path, headline, results, doubts, entries, complete)
+    outcome = replace(outcome, doubts_of_input=doubts)
     raised = (*doubts, *results["diagnose"].notices) if "diagnose" in results else doubts  # before the numbers
     text = render(
         f"Study of {design.name}",
