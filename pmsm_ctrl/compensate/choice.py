@@ -52,7 +52,8 @@ def recommended_blocks(result: CompensationStudy) -> tuple[str | Table, ...]:
     beside = _beside(result, window)
     said = (
         f"Why {named(chosen.source)}: at safe gains no other source leaves less of the RMS error, "
-        f"{percent(found.rms, 0)} in the worst of the motions and parameter errors on the design's own plant{where} ({others}){beside}"
+        f"{percent(found.rms, 0)} in the worst of the motions and parameter errors on the design's own plant{where} "
+        f"({others}){beside}"
     )
     said += f'; see the table "{CHOICE}".'
     if chosen.source == "observer" and (observer := result.observer) is not None:

@@ -17,6 +17,7 @@ from pmsm_ctrl.errors import DesignError, NextCommand, RequestError, require_kin
 from pmsm_ctrl.files import sha256, write_text
 from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
 from pmsm_ctrl.identify.paper import PAPER_CASES
+from pmsm_ctrl.likely import unlikely
 from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.report.drive_parts import drive_parts
@@ -111,8 +112,7 @@ def study(
         )
         outcome = replace(outcome, results=results | more)
         left_out += missing
-    doubts = (*left_out, *_of_input(design, records, holdouts))
-    outcome = replace(outcome, doubts_of_input=doubts)
+    outcome = replace(outcome, doubts_of_input=(doubts := (*left_out, *_of_input(design, records, holdouts))))
     raised = (*doubts, *results["diagnose"].notices) if "diagnose" in results else doubts  # before the numbers
     text = render(
         f"Study of {design.name}",
@@ -140,9 +140,9 @@ def _entry(design: Design, records: Sequence[Log], identification: Identificatio
 
 
 def _of_input(design: Design, records: Sequence[Log], holdouts: Sequence[Log]) -> tuple[Notice, ...]:
-    """What is doubtful in the logs, in the words of every verb."""
+    """What is doubtful in the design and the logs, in the words of every verb."""
     other = (of_holdout(notice) for holdout in holdouts for notice in doubts_about(design, holdout).notices)
-    return tuple(dict.fromkeys((*doubts_about(design, records).notices, *other)))
+    return tuple(dict.fromkeys((*unlikely(design), *doubts_about(design, records).notices, *other)))
 
 
 def _simulated_parts(
