@@ -66,7 +66,8 @@ def init(
     """Ask for the datasheet values and write a design. Values given as options are not asked for."""
     given = {
         "pole_pairs": pole_pairs, "pole_pitch": pole_pitch, "torque_constant": torque_constant,
-        "emf_constant": emf_constant, "resistance": resistance, "inductance": inductance, "inductance_q": inductance_q, "inertia": inertia,
+        "emf_constant": emf_constant, "resistance": resistance, "inductance": inductance,
+        "inductance_q": inductance_q, "inertia": inertia,
         "load_inertia": load_inertia, "gear": gear, "current_limit": current_limit, "supply": supply, "pwm": pwm,
         "speed_loop": speed_loop, "encoder": encoder, "friction": friction, "viscous": viscous,
     }  # fmt: skip

@@ -151,6 +151,12 @@ class Tuning(Result):
         return self.margins_met and (self.proof is None or self.proof.passed)
 
     @property
+    def against(self) -> tuple[Notice, ...]:
+        """Why the gains are not defended: nominal margins that are missed, and failed checks."""
+        codes = (notices.MARGIN.code, notices.CHECK.code)
+        return tuple(notice for notice in self.notices if notice.code in codes)
+
+    @property
     def notices(self) -> tuple[Notice, ...]:
         """Reasons to doubt the gains."""
         return (*unlikely(self.design), *self._margin_notices(), *self._drive_notices())
