@@ -184,7 +184,7 @@ def test_a_linear_motor_with_windings(capsys: pytest.CaptureFixture[str]) -> Non
     assert design.motor.electrical
     assert design.motor.p == pytest.approx(math.pi / 0.016)
     assert pytest.approx(120.2 / math.sqrt(2.0)) == design.K_t
-    assert design.motor.R == pytest.approx(1.6)
+    assert pytest.approx(1.6) == design.motor.R
     assert design.drive.u_dc == pytest.approx(565.7, abs=0.1)
     # by hand: u_dc / sqrt(3) over the EMF of a phase, K_t / 1.5 per m/s
     assert f"no-load speed: {565.685 / math.sqrt(3.0) / (120.2 / math.sqrt(2.0) / 1.5):.4g} m/s" in shown.out
