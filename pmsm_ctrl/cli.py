@@ -37,6 +37,7 @@ from pmsm_ctrl.log_commands import LOG_COMMANDS
 from pmsm_ctrl.options import (
     DesignArgument,
     EffectsOption,
+    ForceGainsOption,
     ForceOption,
     HoldoutOption,
     JsonOption,
@@ -190,9 +191,7 @@ def tune(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="overwrite files, and write gains whose margins or checks are not met")
-    ] = False,
+    force: ForceGainsOption = False,
 ) -> None:
     """Tune the loops from the datasheet. Status 1, and no design, when a margin is too small or a check fails."""
     from pmsm_ctrl.errors import RequestError
@@ -218,11 +217,15 @@ def tune(
         raise
     found = result.design if result.defended or force else None
     finish("tune", result, json_file=json_file, report=report, design=found, output=output)
-    if found is None and output is not None:
-        why = f"{result.against[0].text}; --force writes it"
-        print(f"pmsm-ctrl: {printable(output)}: not written: {why}", file=sys.stderr)
     if not result.defended:
-        raise typer.Exit(NEGATIVE)
+        _leave_undefended(result.against[0].text, output if found is None else None)
+
+
+def _leave_undefended(why: str, output: Path | None) -> None:
+    """Leave with status 1, and say of a design that it was not written."""
+    if output is not None:
+        print(f"pmsm-ctrl: {printable(output)}: not written: {why}; --force writes it", file=sys.stderr)
+    raise typer.Exit(NEGATIVE)
 
 
 @app.command()

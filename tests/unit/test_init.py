@@ -486,3 +486,20 @@ def test_an_example_that_does_not_exist_names_those_that_do(capsys: pytest.Captu
     said = capsys.readouterr().err
     assert "did you mean 'seed_motor'? (known: adaptive, emps" in said
     assert list(Path.cwd().iterdir()) == []
+
+
+def test_the_form_of_a_page_asks_for_windings_beside_a_pole_pitch_alone() -> None:
+    from pmsm_ctrl.workbench.sheet import FormError, form, from_form
+
+    asked = {q["key"]: q["needed"] for kind in form() if kind["machine"] == "linear" for q in kind["questions"]}
+    assert not asked["resistance"]
+    assert not from_form("screw", "linear", LINEAR)[0].motor.electrical
+    assert from_form("slide", "linear", WOUND)[0].motor.electrical
+    for wrong, field in (
+        ({**LINEAR, "resistance": "3.2 Ohm line"}, "pole_pitch"),
+        ({**WOUND, "resistance": ""}, "resistance"),
+        ({**LINEAR, "torque_constant": ""}, "torque_constant"),
+    ):
+        with pytest.raises(FormError) as raised:
+            from_form("slide", "linear", wrong)
+        assert set(raised.value.fields) == {field}
