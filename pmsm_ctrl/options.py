@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from pmsm_ctrl.log import Log
 
 __all__ = [
-    "DesignArgument", "DesignOption", "EffectsOption", "EstimateOption", "ForceGainsOption", "ForceOption", "HoldoutOption", "JsonOption",
+    "DesignArgument", "DesignOption", "EffectsOption", "EstimateOption", "ForceGainsOption", "ForceOption",
+    "HoldoutOption", "JsonOption",
     "LiveOption", "LogArgument", "LogsOption", "MapOption", "MethodOption", "NewDesignOption", "PolishOption",
     "ReportOption", "SeedOption", "TrackedArgument", "TruthOption", "Verb", "confirmed_import", "design_if_given",
     "effect_ids", "estimated_names", "known_rate", "load_logs", "logs_if_given", "measured_bode", "output_option",
