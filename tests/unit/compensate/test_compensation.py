@@ -266,7 +266,7 @@ def test_measured_speed_has_the_narrower_window(study: CompensationStudy) -> Non
 
 @pytest.mark.slow
 def test_result_renders(study: CompensationStudy) -> None:
-    text = study.summary(width=1000)
+    text = " ".join(study.summary(width=1000).split())
     assert "Highest safe gain: 100 % with reference-speed" in text
     assert all(axis.get_ylabel() for axis in study.plot().axes)
     for table in (block for block in study.section().blocks if isinstance(block, Table)):
