@@ -230,7 +230,7 @@ def notices() -> str:
              "JSON has the codes under `warning_codes`. Values stand in braces.", ""]  # fmt: skip
     package = Path(pmsm_ctrl.__file__).parent
     rooms = {path.parent.name: f"pmsm_ctrl.{path.parent.name}.notices" for path in package.glob("*/notices.py")}
-    for name, module in sorted({**rooms, "datasheet": "pmsm_ctrl.datasheet"}.items()):
+    for name, module in sorted({**rooms, "datasheet": "pmsm_ctrl.datasheet", "likely": "pmsm_ctrl.likely"}.items()):
         room = importlib.import_module(module)
         lines += [f"## {name}", "", "| code | sentence |", "|---|---|"]
         found = (held for held in vars(room).values() if isinstance(held, Template))

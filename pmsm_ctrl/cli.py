@@ -37,6 +37,7 @@ from pmsm_ctrl.log_commands import LOG_COMMANDS
 from pmsm_ctrl.options import (
     DesignArgument,
     EffectsOption,
+    ForceGainsOption,
     ForceOption,
     HoldoutOption,
     JsonOption,
@@ -56,7 +57,6 @@ from pmsm_ctrl.options import (
     output_option,
     read_design,
     scenario_names,
-    write_design,
 )
 from pmsm_ctrl.workbench_command import WORKBENCH_COMMANDS
 
@@ -192,9 +192,9 @@ def tune(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
-    force: ForceOption = False,
+    force: ForceGainsOption = False,
 ) -> None:
-    """Tune the loops from the datasheet. Status 1 when a margin is too small."""
+    """Tune the loops from the datasheet. Status 1, and no design, when a margin is too small or a check fails."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.tune import Specification, UnstableLoopError, assess
     from pmsm_ctrl.tune import tune as run_tuning
@@ -216,10 +216,17 @@ def tune(
         if report is not None:  # the Nyquist plot of the loop shows more than the line on stderr
             write_report(report, error.section())
         raise
-    finish("tune", result, json_file=json_file, report=report, design=result.design)
-    write_design(result.design, output)
+    found = result.design if result.defended or force else None
+    finish("tune", result, json_file=json_file, report=report, design=found, output=output)
     if not result.defended:
-        raise typer.Exit(NEGATIVE)
+        _leave_undefended(result.against[0].text, output if found is None else None)
+
+
+def _leave_undefended(why: str, output: Path | None) -> None:
+    """Leave with status 1, and say of a design that it was not written."""
+    if output is not None:
+        print(f"pmsm-ctrl: {printable(output)}: not written: {why}; --force writes it", file=sys.stderr)
+    raise typer.Exit(NEGATIVE)
 
 
 @app.command()
@@ -249,8 +256,7 @@ def sweep(
     plant = design_if_given(truth, effects)
     with progress_bar(f"sweep {axis.name}") as progress:
         result = run_sweep(axis, truth=plant, repeats=repeats, seed=seed, progress=progress)
-    finish("sweep", result, json_file=json_file, report=report, design=result.design)
-    write_design(result.design, output)
+    finish("sweep", result, json_file=json_file, report=report, design=result.design, output=output)
 
 
 for command in (*LOG_COMMANDS, *FLEET_COMMANDS, *WORKBENCH_COMMANDS, *DRIVE_COMMANDS):
@@ -307,10 +313,13 @@ def study(
             axis, measured, holdout=other, output=page, seed=seed, history=history, complete=complete,
             command=command_line(), progress=progress,
         )  # fmt: skip
-    say(result)
-    write_design(result.completed, beside)
+    if beside is not None:
+        result.completed.write(beside)
     if json_file is not None:
         write_json(json_file, "study", result.to_dict())
+    say(result)
+    if beside is not None:
+        print(printable(f"design: {beside}"))
 
 
 @app.command("import")
@@ -343,13 +352,15 @@ def import_log(
         require_distinct([beside, *([json_file] if json_file else [])], [file, *([design] if design else [])])
         require_new(() if force else [beside])
     result = confirmed_import(file, design, mapping, yes=yes, json_file=json_file, rate=rate)
+    if output is not None and beside is not None:
+        result.log.write_csv(output)
+        write_text(beside, result.table)
     finish("import", result, json_file=json_file, whole=True)
     known = parse_map(mapping) | kept_mapping()
     doubts = unconfirmed(result.log, design_if_given(design), known) if output is None else []
     keep_verdict(doubts[0][1] if doubts else "")
     if output is not None and beside is not None:
-        result.log.write_csv(output)
-        print(printable(f"log: {output}\nits [log] table, for a design: {write_text(beside, result.table)}"))
+        print(printable(f"log: {output}\nits [log] table, for a design: {beside}"))
 
 
 @app.command()

@@ -286,9 +286,16 @@ def finish(
     report: Path | None = None,
     whole: bool = False,
     design: Design | None = None,
+    output: Path | None = None,
 ) -> None:
-    """Print a result's summary, and write its JSON, with the design that was found, and its one-section report."""
-    say(result, whole=whole)
+    """Write the design that was found, the JSON of a result with it and its report, and then print the summary.
+
+    What reads the output may end after its first lines: no file is lost by that.
+    """
+    written = []
+    if design is not None and output is not None:
+        design.write(output)
+        written.append(f"design: {output}")
     if json_file is not None:
         found = {} if design is None else {"design": design.to_dict()}
         write_json(json_file, verb, {**result.to_dict(), **found})
@@ -296,18 +303,26 @@ def finish(
         from pmsm_ctrl.report import headline_of
 
         headline = headline_of(result)
-        write_report(report, result.section(), headline, result.notices if headline is not None else ())
+        _write_page(report, result.section(), headline, result.notices if headline is not None else ())
+        written.insert(0, f"report: {report}")
+    say(result, whole=whole)
+    for line in written:
+        print(printable(line))
 
 
 def write_report(
     path: Path, section: Section, headline: Headline | None = None, notices: Sequence[Notice] = ()
 ) -> None:
     """Write one section as an HTML page of its own and print where it is; `notices` stand on its first screen."""
+    _write_page(path, section, headline, notices)
+    print(printable(f"report: {path}"))
+
+
+def _write_page(path: Path, section: Section, headline: Headline | None, notices: Sequence[Notice]) -> None:
     from pmsm_ctrl.report import render
 
     text = render(section.title, [section.without(notices)], headline=headline, notices=notices, command=command_line())
     write_text(path, text)
-    print(printable(f"report: {path}"))
 
 
 def command_line() -> str:

@@ -10,12 +10,14 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.likely import FACTS, figures_of, unlikely
 from pmsm_ctrl.section import Notice, Template
-from pmsm_ctrl.units import DATASHEET, KRPM, RPM
+from pmsm_ctrl.sheet_questions import MACHINES, PITCH, QUESTIONS, Answer, Question, option_of
+from pmsm_ctrl.units import DATASHEET, axis_unit
 
 __all__ = [
     "MACHINES", "QUESTIONS", "Answer", "Question", "answers_from", "design_toml", "machine_of", "plausibility",
@@ -25,126 +27,6 @@ __all__ = [
 _NUMBER = re.compile(r"([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*+(.*)", re.DOTALL)
 # These words may stand anywhere in a unit: "Vrms/krpm, l-l", "V/krpm (line-to-line, rms)".
 _WORDS = {"rms": "rms", "eff": "rms", "peak": "peak", "pk": "peak", "line": "line", "phase": "phase"}
-
-
-@dataclass(frozen=True)
-class Answer:
-    """One number of the sheet under its name in a design.
-
-    Attributes
-    ----------
-    field : str
-    value : float
-    unit : str
-        As accepted by the question; empty for a plain number.
-    stated : bool
-        False for the default of a question that nobody answered.
-    """
-
-    field: str
-    value: float
-    unit: str
-    stated: bool = True
-
-
-@dataclass(frozen=True)
-class Question:
-    """One value of a datasheet.
-
-    Attributes
-    ----------
-    key : str
-        Its name; the option of the command is the key with hyphens.
-    text : str
-        What is asked.
-    table : str
-        Table of the design that it belongs to; empty for the check that is not written.
-    units : mapping of unit to (field, factor)
-        What is accepted; empty for a plain number, whose field is the key.
-    default : str or None
-        What is taken without an answer; None: it must be answered, "": it is left out.
-    """
-
-    key: str
-    text: str
-    table: str
-    units: Mapping[str, tuple[str, float]]
-    default: str | None = None
-
-    @property
-    def option(self) -> str:
-        """The command's option."""
-        return "--" + self.key.replace("_", "-")
-
-    @property
-    def accepted(self) -> str:
-        """The units in words."""
-        return ", ".join(self.units) or "a number"
-
-
-_EMF = {
-    f"V {amplitude} {where}/{speed}": (f"K_e_{where}_{amplitude}_per_{name}", 1.0)
-    for speed, name in (("krpm", "krpm"), ("(rad/s)", "rad_s"))
-    for where in ("line", "phase")
-    for amplitude in ("rms", "peak")
-}
-
-QUESTIONS: tuple[Question, ...] = (
-    Question("pole_pairs", "pole pairs (half the number of poles)", "motor", {}),
-    Question("torque_constant", "torque constant", "motor", {
-        "N m/A rms": ("K_t_rms", 1.0), "N m/A peak": ("K_t_peak", 1.0), "mN m/A rms": ("K_t_rms", 1e-3),
-        "mN m/A peak": ("K_t_peak", 1e-3)}, ""),
-    Question("emf_constant", "EMF (voltage) constant; beside a torque constant it is a check", "motor", _EMF, ""),
-    Question("resistance", "winding resistance", "motor", {
-        "Ohm line": ("R_line_to_line", 1.0), "Ohm phase": ("R", 1.0)}),
-    Question("inductance", "winding inductance (of the d axis, if the next one differs)", "motor", {
-        "mH line": ("L_line_to_line_mH", 1.0), "mH phase": ("L_mH", 1.0)}),
-    Question("inductance_q", "inductance of the q axis, if it differs (interior magnets)", "motor", {
-        "mH line": ("L_q_line_to_line_mH", 1.0), "mH phase": ("L_q_mH", 1.0)}, ""),
-    Question("inertia", "rotor inertia, brake and coupling included", "motor", {
-        "kg cm2": ("J_kg_cm2", 1.0), "g cm2": ("J_g_cm2", 1.0), "kg m2": ("J", 1.0)}),
-    Question("load_inertia", "load inertia at the load's own shaft", "load", {
-        "kg cm2": ("J", 1e-4), "g cm2": ("J", 1e-7), "kg m2": ("J", 1.0)}, ""),
-    Question("gear", "gear ratio, motor turns per load turn", "load", {}, ""),
-    Question("current_limit", "current limit of the drive", "drive", {
-        "A rms": ("i_max_rms", 1.0), "A peak": ("i_max", 1.0)}),
-    Question("supply", "dc link, or the mains that is rectified into it", "drive", {
-        "V dc": ("u_dc", 1.0), "V ac": ("u_dc", math.sqrt(2.0))}, "560 V dc"),
-    Question("pwm", "PWM rate = rate of the current controller", "drive", {
-        "kHz": ("f_control", 1e3), "Hz": ("f_control", 1.0)}, "16 kHz"),
-    Question("speed_loop", "rate of the speed controller", "drive", {
-        "kHz": ("speed_rate", 1e3), "Hz": ("speed_rate", 1.0)}, "4 kHz"),
-    Question("encoder", "encoder resolution", "sensor", {
-        "bit": ("bits", 1.0), "counts": ("encoder_counts", 1.0), "lines": ("encoder_counts", 4.0)}, "20 bit"),
-    Question("friction", "friction torque, if the sheet has one", "coulomb", {
-        "N m": ("F_c", 1.0), "mN m": ("F_c", 1e-3)}, "0 N m"),
-    Question("viscous", "viscous damping, if the sheet has one", "viscous", {
-        "N m s/rad": ("F_v", 1.0), "N m/krpm": ("F_v", 1.0 / KRPM)}, "0 N m s/rad"),
-)  # fmt: skip
-
-
-_BY_KEY = {question.key: question for question in QUESTIONS}
-# Questions for a machine without winding data: a rotary one has the motor's questions without the electrical ones, a
-# linear one the same quantities along a line.
-_PLAIN = (
-    Question("torque_constant", "torque constant", "motor", {
-        "N m/A peak": ("K_t", 1.0), "N m/A rms": ("K_t", math.sqrt(0.5)), "N m/A dc": ("K_t", 1.0)}),
-    *(_BY_KEY[key] for key in ("inertia", "load_inertia", "gear")),
-    replace(_BY_KEY["pole_pairs"], text="pole pairs, if known: they tell electrical orders", default=""),
-    replace(_BY_KEY["current_limit"], default=""),
-    *(_BY_KEY[key] for key in ("encoder", "friction", "viscous")),
-)  # fmt: skip
-_LINEAR = (
-    Question("torque_constant", "force constant", "motor", {
-        "N/A peak": ("K_t", 1.0), "N/A rms": ("K_t", math.sqrt(0.5)), "N/A dc": ("K_t", 1.0)}),
-    Question("inertia", "moving mass, all of it", "motor", {"kg": ("J", 1.0), "g": ("J", 1e-3)}),
-    replace(_BY_KEY["current_limit"], default=""),
-    Question("encoder", "scale, its step or its counts", "sensor", {
-        "um": ("step", 1e-6), "nm": ("step", 1e-9), "counts/mm": ("encoder_counts", 1e3)}, "1 um"),
-    Question("friction", "friction force, if the sheet has one", "coulomb", {"N": ("F_c", 1.0)}, "0 N"),
-    Question("viscous", "viscous damping, if the sheet has one", "viscous", {"N s/m": ("F_v", 1.0)}, "0 N s/m"),
-)  # fmt: skip
-MACHINES: dict[str, tuple[Question, ...]] = {"motor": QUESTIONS, "plain": _PLAIN, "linear": _LINEAR}
 
 
 def machine_of(given: Mapping[str, str | None]) -> str:
@@ -159,7 +41,10 @@ def machine_of(given: Mapping[str, str | None]) -> str:
     str
     """
     keys = {key for key, text in given.items() if text}
-    having = [kind for kind, questions in MACHINES.items() if keys <= {question.key for question in questions}]
+    having = [
+        kind for kind, questions in MACHINES.items()
+        if keys <= {question.key for question in questions if not question.beside or question.beside in keys}
+    ]  # fmt: skip
     return having[0] if len(having) == 1 else ""
 
 
@@ -229,6 +114,8 @@ def read_answer(question: Question, text: str) -> Answer:
         if not 1 <= number <= 40:
             raise RequestError(f"{question.option} '{text}': 1 to 40 bit were expected")
         return Answer("encoder_counts", 2.0**number, name)
+    if field == "pitch" and number <= 0.0:
+        raise RequestError(f"{question.option} '{text}': a pole pitch above 0 was expected")
     if field == "step":
         if not 1e-10 <= factor * number <= 1e-2:
             raise RequestError(f"{question.option} '{text}': a step of 0.1 nm to 10 mm was expected")
@@ -282,11 +169,15 @@ def answers_from(
     own = {question.key for question in questions}
     for key, text in given.items():
         if text and key not in own:
-            raise RequestError(f"init: {_BY_KEY[key].option} does not apply to a {machine} machine")
+            raise RequestError(f"init: {option_of(key)} does not apply to a {machine} machine")
     answers: dict[str, Answer] = {}
     missing = []
     for question in questions:
         text = given.get(question.key)
+        if question.beside and question.beside not in answers:
+            if text:
+                raise RequestError(f"init: {question.option} needs {option_of(question.beside)} of the same motor")
+            continue
         if text is None:
             text = ask(question) if ask is not None else ""
         stated = bool(text.strip())
@@ -298,9 +189,17 @@ def answers_from(
     if missing:
         named = ", ".join(f"{q.option} ({q.accepted})" for q in missing)
         raise RequestError(f"init: missing {named}; or run it in a terminal to be asked")
-    if machine == "motor" and "torque_constant" not in answers and "emf_constant" not in answers:
-        raise RequestError("init: one of --torque-constant and --emf-constant is needed, from which the flux follows")
+    if "torque_constant" not in answers and "emf_constant" not in answers:
+        either = "one of --torque-constant and --emf-constant is needed, from which the flux follows"
+        constant = next(question for question in questions if question.key == "torque_constant")
+        needed = either if _has_windings(answers, machine) else f"missing {constant.option} ({constant.accepted})"
+        raise RequestError(f"init: {needed}")
     return answers
+
+
+def _has_windings(answers: Mapping[str, Answer], machine: str) -> bool:
+    """Whether the windings are known: of a linear motor where its pole pitch is."""
+    return machine == "motor" or PITCH in answers
 
 
 def design_toml(name: str, answers: Mapping[str, Answer], machine: str = "motor") -> str:
@@ -324,8 +223,8 @@ def design_toml(name: str, answers: Mapping[str, Answer], machine: str = "motor"
     tables = _tables(answers, machine)
     lines = [
         "# Written from a datasheet. Numbers keep the unit of the sheet, which their names state.",
-        "# identify and sweep find the friction, tune the loops."
-        if machine == "motor" else "# identify finds the friction. Without winding data the drive cannot be simulated.",
+        "# identify and sweep find the friction, tune the loops." if _has_windings(answers, machine)
+        else "# identify finds the friction. Without winding data the drive cannot be simulated.",
         f"name = {quoted(name)}",
         *(['motion = "linear"'] if machine == "linear" else []),
     ]  # fmt: skip
@@ -374,10 +273,16 @@ def _tables(answers: Mapping[str, Answer], machine: str) -> dict[str, list[Entry
         if answer is None or (question.key == "emf_constant" and "torque_constant" in answers):
             continue
         field, value, comment = answer.field, answer.value, question.text
+        if machine == "linear" and PITCH in answers:
+            field, value = _of_winding(answer, field, value)
         if question.key == "inductance" and "inductance_q" in answers:
             field = {"L_mH": "L_d_mH", "L_line_to_line_mH": "L_d_line_to_line_mH"}[field]
         if field in DATASHEET:
             comment = DATASHEET[field].meaning
+            if machine == "linear":
+                comment = axis_unit(comment, "linear").replace("per m/s mechanical", "per m/s")
+        elif field == "p" and machine == "linear":
+            comment = f"pole pairs in 2 pi m: pi over the pole pitch of {answer.value:g} m"
         elif question.units:
             comment = units.get(field, answer.unit.replace("kHz", "Hz").replace("V ac", "V").replace("V dc", "V"))
         if field == "speed_rate":
@@ -386,6 +291,23 @@ def _tables(answers: Mapping[str, Answer], machine: str) -> dict[str, list[Entry
             comment += "; assumed, since nothing was stated"
         tables.setdefault(question.table, []).append((field, value, comment))
     return tables
+
+
+def _of_winding(answer: Answer, field: str, value: float) -> tuple[str, float]:
+    """Return field and value of an answer about a linear motor with windings.
+
+    Raises
+    ------
+    RequestError
+        For a force constant without its amplitude, from which no flux follows.
+    """
+    if field == "pitch":
+        return "p", math.pi / value
+    if field != "K_t":
+        return field, value
+    if answer.unit.endswith("dc"):
+        raise RequestError("--torque-constant: N/A peak or N/A rms was expected beside --pole-pitch")
+    return ("K_t_rms", value / math.sqrt(0.5)) if answer.unit.endswith("rms") else ("K_t_peak", value)
 
 
 def _assumed(answer: Answer) -> bool:
@@ -406,7 +328,7 @@ def _divider(f_control: float, rate: float) -> Entry:
 def _line(field: str, value: float | int, comment: str) -> str:
     if math.isnan(value):
         return f"{f'{field} = {quoted(UNKNOWN)}':<30}# a log with fast reversals tells it"
-    whole = field in ("p", "speed_divider", "encoder_counts")
+    whole = field in ("p", "speed_divider", "encoder_counts") and not comment.startswith("pole pairs in 2 pi m")
     if whole and value != int(value):
         raise RequestError(f"{field}: found {value:g}, but a whole number was expected")
     shown = str(int(value)) if whole else f"{value:.10g}"
@@ -415,7 +337,6 @@ def _line(field: str, value: float | int, comment: str) -> str:
     return f"{f'{field} = {shown}':<30}# {comment}"
 
 
-UNLIKELY = Template("unlikely_value", "{name} of {value} is unlikely for a servo motor: check the units")
 GEAR_ALONE = Template(
     "gear_alone",
     "a gear ratio of {ratio:g} without a load inertia changes nothing: state --load-inertia, at the load's own shaft",
@@ -423,19 +344,10 @@ GEAR_ALONE = Template(
 EMF_MISMATCH = Template(
     "emf_mismatch", "the EMF constant gives {ratio:.3g} times the flux of the torque constant{cause}"
 )
-# Outside these ranges a number was probably misread: a unit, a convention, a decimal point.
-LIKELY = {
-    "electrical time constant L/R": (0.05e-3, 0.2),
-    "no-load speed": (50 * RPM, 2e5 * RPM),
-    "torque at the current limit over J": (30.0, 2e7),
-    "force at the current limit over the mass": (0.1, 2e3),
-}
 
 
 def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[str], list[Notice]]:
     """Return what follows from the sheet, to be checked, and what is unlikely.
-
-    The no-load speed is where the EMF ``p psi_f omega`` meets the largest phase voltage, ``u_dc / sqrt(3)``.
 
     Parameters
     ----------
@@ -450,31 +362,17 @@ def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[st
     notices : list of Notice
         Empty when nothing is unlikely.
     """
-    motor, linear = design.motor, design.motion == "linear"
-    figures: dict[str, tuple[float, str]] = {}
-    if motor.p is not None and motor.psi_f is not None and motor.R is not None and motor.L_q is not None:
-        speed = design.drive.u_dc / math.sqrt(3.0) / (motor.p * motor.psi_f)
-        figures["electrical time constant L/R"] = motor.L_q / motor.R, f"{1e3 * motor.L_q / motor.R:.3g} ms"
-        figures["no-load speed"] = speed, f"{speed / RPM:.4g} rpm at {design.drive.u_dc:.4g} V dc"
-    if math.isfinite(design.drive.i_max) and motor.J is not None:
-        torque = design.K_t * design.drive.i_max
-        name = "force at the current limit over the mass" if linear else "torque at the current limit over J"
-        shown = f"{torque:.3g} {'N' if linear else 'N m'}, {torque / design.J:.3g} {'m' if linear else 'rad'}/s^2"
-        figures[name] = torque / design.J, shown
+    motor, linear, figures = design.motor, design.motion == "linear", figures_of(design)
     unit = "N/A" if linear else "N m/A"
     lines = [f"K_t = {design.K_t:.4g} {unit} peak = {design.K_t * math.sqrt(2):.4g} {unit} rms"]
     if "torque_constant" in answers and answers["torque_constant"].unit.endswith("dc"):
         lines = [f"K_t = {design.K_t:.4g} {unit}"]
-    lines += [f"{name}: {shown}" for name, (_, shown) in figures.items()]
-    questions = {question.key: question for question in (_LINEAR if linear else QUESTIONS)}
+    lines += [f"{name.removesuffix(', linear')}: {figures[name][1]}" for name in FACTS if name in figures]
+    questions = {question.key: question for question in (MACHINES["linear"] if linear else QUESTIONS)}
     assumed = [f"{questions[key].option} '{questions[key].default}'" for key, one in answers.items() if _assumed(one)]
     if assumed:
         lines.append(f"not stated, so assumed: {', '.join(assumed)}")
-    doubts = [
-        UNLIKELY(name=name, value=shown)
-        for name, (value, shown) in figures.items()
-        if not LIKELY[name][0] <= value <= LIKELY[name][1]
-    ]
+    doubts = unlikely(design)
     if motor.p is not None and motor.psi_f is not None and {"emf_constant", "torque_constant"} <= set(answers):
         doubts += _emf_check(motor.p, motor.psi_f, answers["emf_constant"])
     if "gear" in answers and "load_inertia" not in answers:

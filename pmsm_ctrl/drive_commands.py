@@ -24,7 +24,6 @@ from pmsm_ctrl.options import (
     logs_if_given,
     output_option,
     read_design,
-    write_design,
 )
 
 if TYPE_CHECKING:
@@ -64,10 +63,8 @@ def compensate(
         axis = read_design(design, effects)
         plant, gains = design_if_given(truth, effects), sweep_gains(0.01 * step)
         result = run_compensation(axis, truth=plant, gains=gains, seed=seed, progress=progress)
-    finish("compensate", result, json_file=json_file, report=report, design=result.recommended)
-    if result.recommended is not None:
-        write_design(result.recommended, output)
-    elif output is not None:
+    finish("compensate", result, json_file=json_file, report=report, design=result.recommended, output=output)
+    if result.recommended is None and output is not None:
         from pmsm_ctrl.compensate.notices import why_none
 
         print(f"pmsm-ctrl: {printable(output)}: not written: {why_none(result.verdict)}", file=sys.stderr)
@@ -132,8 +129,7 @@ def export(
         _say_left_out(axis)
     changed = any(one is not None for one in (source, gain, feed))
     beside = exported_design(folder) if folder is not None and changed else None
-    _write_sources(files, output, beside, force=force)
-    write_design(axis, beside)
+    _write_sources(files, output, beside, axis, force=force)
     if json_file is not None:
         whole = {"source": files[""]} if "" in files else {"files": files}
         write_json(json_file, "export", {"language": language, "flavour": flavour} | whole)
@@ -149,20 +145,30 @@ def _folder_of(output: Path | None, *, needed: bool) -> Path | None:
     return folder
 
 
-def _write_sources(files: dict[str, str], output: Path | None, beside: Path | None, *, force: bool) -> None:
-    """Print the sources, or write them into a file or a folder; no file is written where one of them exists."""
+def _write_sources(
+    files: dict[str, str], output: Path | None, beside: Path | None, design: Design, *, force: bool
+) -> None:
+    """Print the sources, or write them into a file or a folder; no file is written where one of them exists.
+
+    All are written before the first is named, with the design `beside` them.
+    """
     from pmsm_ctrl.files import require_new, write_text
 
     if output is not None and not output.suffix:
         require_new(() if force else (*(output / name for name in files), *([beside] if beside else [])))
         output.mkdir(parents=True, exist_ok=True)
-    for name, text in files.items():
-        if output is None:
-            print(text, end="")
-            continue
-        path = output if output.suffix else output / name
+    if output is None:
+        print("".join(files.values()), end="")
+        return
+    paths = {output if output.suffix else output / name: text for name, text in files.items()}
+    for path, text in paths.items():
         write_text(path, text)
+    if beside is not None:
+        design.write(beside)
+    for path, text in paths.items():
         print(f"{printable(path)}: {len(text.splitlines())} lines")
+    if beside is not None:
+        print(printable(f"design: {beside}"))
 
 
 def _with_compensation(design: Design, *, source: str | None, gain: float | None, feed: str | None) -> Design:

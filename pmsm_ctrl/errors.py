@@ -26,7 +26,7 @@ class NextCommand(Enum):
     """What to run after an error; the command line writes it behind the message."""
 
     INIT = "pmsm-ctrl init writes a design from a datasheet"
-    ELECTRICAL_DATA = "pmsm-ctrl init asks for the electrical data"
+    ELECTRICAL_DATA = "pmsm-ctrl init asks for the electrical data; of a linear motor beside its pole pitch"
     INERTIA = "pmsm-ctrl identify LOG --design DESIGN --output NEW_DESIGN finds it"
     TUNE = "pmsm-ctrl tune DESIGN --output NEW_DESIGN"
     LOOPS = "K_p and T_n of the drive in [loops.current] and [loops.speed], by hand: tune needs the electrical data"

@@ -199,15 +199,18 @@ def _axis_pages(found: FleetReport, page: Path, wanted: bool | None, force: bool
 
 def _page(found: FleetReport, links: Mapping[str, str] | None = None) -> str:
     from pmsm_ctrl.fleet.present import linked, sections, verdict_of
+    from pmsm_ctrl.rendering.numbers import counted
     from pmsm_ctrl.report import Headline, render
 
     logs = sum(one.records for one in found.axes)
     numbers = (
-        (f"{len(found.axes)}", f"axes with {logs} logs"), (f"{len(found.missing)}", "lack an effect"),
+        (f"{len(found.axes)}", f"{'axis' if len(found.axes) == 1 else 'axes'} with {counted(logs, 'log')}"),
+        (f"{len(found.missing)}", "lack an effect"),
         (f"{len({one.axis for one in found.changes})}", "change over time"),
         (f"{len(found.worthless)}", "logs without an answer"),
     )  # fmt: skip
-    headline = Headline(f"{logs} logs were evaluated one by one.", verdict_of(found), None, numbers)
+    evaluated = "was evaluated" if logs == 1 else "were evaluated one by one"
+    headline = Headline(f"{counted(logs, 'log')} {evaluated}.", verdict_of(found), None, numbers)
     first, *rest = sections(found)
     shown = (replace(first, blocks=first.blocks[1:]).without(found.notices), *rest)
     return render(

@@ -37,13 +37,14 @@ def init(
         typer.Option(
             metavar="KIND",
             help="motor: its windings are known; plain: only a torque constant is; linear: a "
-            "moving mass and a force constant are",
+            "moving mass and a force constant are, and with --pole-pitch its windings",
             show_default=False,
         ),
     ] = None,
     pole_pairs: Annotated[Text, _option("4")] = None,
+    pole_pitch: Annotated[Text, _option("'16 mm', of a linear motor whose windings are known")] = None,
     torque_constant: Annotated[Text, _option("'0.84 N m/A rms'; linear: '35 N/A peak'")] = None,
-    emf_constant: Annotated[Text, _option("'51 V rms line/krpm'")] = None,
+    emf_constant: Annotated[Text, _option("'51 V rms line/krpm'; linear: '69 V rms line/(m/s)'")] = None,
     resistance: Annotated[Text, _option("'1.1 Ohm line'")] = None,
     inductance: Annotated[Text, _option("'7.6 mH line'")] = None,
     inductance_q: Annotated[Text, _option("'9 mH line'")] = None,
@@ -64,8 +65,9 @@ def init(
 ) -> None:
     """Ask for the datasheet values and write a design. Values given as options are not asked for."""
     given = {
-        "pole_pairs": pole_pairs, "torque_constant": torque_constant, "emf_constant": emf_constant,
-        "resistance": resistance, "inductance": inductance, "inductance_q": inductance_q, "inertia": inertia,
+        "pole_pairs": pole_pairs, "pole_pitch": pole_pitch, "torque_constant": torque_constant,
+        "emf_constant": emf_constant, "resistance": resistance, "inductance": inductance,
+        "inductance_q": inductance_q, "inertia": inertia,
         "load_inertia": load_inertia, "gear": gear, "current_limit": current_limit, "supply": supply, "pwm": pwm,
         "speed_loop": speed_loop, "encoder": encoder, "friction": friction, "viscous": viscous,
     }  # fmt: skip

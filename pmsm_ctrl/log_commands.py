@@ -42,7 +42,6 @@ from pmsm_ctrl.options import (
     measured_bode,
     output_option,
     read_design,
-    write_design,
 )
 
 if TYPE_CHECKING:
@@ -81,10 +80,9 @@ def identify(
             axis, records, method=chosen, processing=processing, check_cutoff=True, check_method=True, progress=progress
         )
     found = result.design if result.improved else None
-    finish("identify", result, json_file=json_file, report=report, design=found)
+    finish("identify", result, json_file=json_file, report=report, design=found, output=output)
     if not result.improved:
         raise typer.Exit(NEGATIVE)
-    write_design(result.design, output)
 
 
 def compare(
@@ -152,10 +150,9 @@ def diagnose(
             axis, measured, holdout=other, progress=progress, calibrate=calibrate, polish=polish, start=start
         )
     found = result.design if result.improved else None
-    finish("diagnosis", result, json_file=json_file, report=report, design=found)
+    finish("diagnosis", result, json_file=json_file, report=report, design=found, output=output)
     if not result.improved:
         raise typer.Exit(NEGATIVE)
-    write_design(result.design, output)
     require_accepted(result.verdict, result.records, fail_on, max_error)
 
 
@@ -188,12 +185,12 @@ def add(
         other = logs_if_given(holdout, axis, mapping)
         measured = load_logs(log, axis, mapping)
         result = added(axis, measured, effect, holdout=other, polish=polish, progress=progress)
-    finish("add", result, json_file=json_file, report=report)
-    if not result.improved or not (result.supported or force):
+    found = result.design if result.improved and (result.supported or force) else None
+    finish("add", result, json_file=json_file, report=report, design=found, output=output)
+    if found is None:
         why = f"{result.against[0]}; --force writes it" if result.improved else result.warnings[0]
         print(f"pmsm-ctrl: {printable(output)}: not written: {why}", file=sys.stderr)
         raise typer.Exit(NEGATIVE)
-    write_design(result.design, output)
 
 
 def track(
@@ -268,11 +265,10 @@ def frf(
         print(f"pmsm-ctrl: {printable(output)}: not written: {printable(error)}", file=sys.stderr)
         raise typer.Exit(NEGATIVE) from error
     found = result.measured if result.trusted else None
-    finish("frf", result, json_file=json_file, report=report, design=found)
+    finish("frf", result, json_file=json_file, report=report, design=found, output=output)
     if not result.trusted and output is not None:
         print(f"pmsm-ctrl: {printable(output)}: not written: {result.notices[0].text}", file=sys.stderr)
         raise typer.Exit(NEGATIVE)
-    write_design(result.measured, output)
 
 
 def verify(

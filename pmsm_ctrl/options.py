@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from pmsm_ctrl.log import Log
 
 __all__ = [
-    "DesignArgument", "DesignOption", "EffectsOption", "EstimateOption", "ForceOption", "HoldoutOption", "JsonOption",
+    "DesignArgument", "DesignOption", "EffectsOption", "EstimateOption", "ForceGainsOption", "ForceOption",
+    "HoldoutOption", "JsonOption",
     "LiveOption", "LogArgument", "LogsOption", "MapOption", "MethodOption", "NewDesignOption", "PolishOption",
     "ReportOption", "SeedOption", "TrackedArgument", "TruthOption", "Verb", "above_zero", "confirmed_import",
     "design_if_given", "effect_ids", "estimated_names", "known_rate", "load_logs", "logs_if_given", "measured_bode",
@@ -180,6 +181,9 @@ HoldoutOption = Annotated[
 ]
 # Of every command that writes a file; `Verb` reads it. Commands use it for files whose names they make themselves.
 ForceOption = Annotated[bool, typer.Option("--force", help="overwrite existing files")]
+ForceGainsOption = Annotated[
+    bool, typer.Option("--force", help="overwrite files, and write gains whose margins or checks are not met")
+]
 NewDesignOption = Annotated[Path | None, output_option("NEW_DESIGN", "write the design with the result")]
 MethodOption = Annotated[
     str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")

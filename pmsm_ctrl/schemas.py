@@ -214,8 +214,8 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
     "study": (
         "study",
         {"verdict": TEXT, "numbers": _by_name(TEXT), "report": TEXT, **DOUBTS},
-        {"design": TEXT, **{verb: {"type": "object", "description": f"as of {verb}"} for verb in
-                            ("tune", "sweep", "identify", "compare", "diagnose", "compensate", "track")}},
+        {"design": DESIGN, **{verb: {"type": "object", "description": f"as of {verb}"} for verb in
+                              ("tune", "sweep", "identify", "compare", "diagnose", "compensate", "track")}},
     ),
 }  # fmt: skip
 

@@ -61,6 +61,23 @@ def axis_unit(text: str, motion: str) -> str:
     return text
 
 
+def axis_words(text: str, motion: str) -> str:
+    """Return a text of a shaft with the units and the words of this kind of axis: a force in place of a torque.
+
+    Parameters
+    ----------
+    text : str
+    motion : {"rotary", "linear"}
+
+    Returns
+    -------
+    str
+    """
+    if motion != "linear":
+        return text
+    return axis_unit(text, motion).replace("torque", "force").replace("Torque", "Force")
+
+
 def drives(motion: str) -> str:
     """Return the word for what drives this kind of axis.
 

@@ -50,7 +50,8 @@ def gain_sweep(study: CompensationStudy) -> Figure:
         upper.text(0.5, 0.5, told, transform=upper.transAxes, ha="center", va="bottom")
     upper.set(
         ylabel="worst RMS error\n[% of the uncompensated]",
-        title=f"Gain sweep, parameters right and 20 % wrong\n(dotted: highest safe gain; shaded: safe by {used} speed)",
+        title=f"Gain sweep, parameters right and {100.0 * study.doubt.share:.0f} % wrong\n"
+        f"(dotted: highest safe gain; shaded: safe by {used} speed)",
     )
     upper.legend(fontsize="small")
     angle = axis_unit("rad", study.design.motion)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACCEPTANCE", "CYCLES", "FLOOR", "NONE_RESOLVED", "NOT_COMPENSATED", "UNRESOLVED", "UNSAFE", "UNSAFE_DESIGN",
-    "motions_in_counts", "safe_gain", "sentence", "why_none",
+    "motions_in_counts", "named", "safe_gain", "sentence", "why_none",
 ]  # fmt: skip
 
 ACCEPTANCE = Template("acceptance_failed", "acceptance {line}")
@@ -69,6 +69,16 @@ def why_none(verdict: str) -> str:
         An `Outcome`.
     """
     return WHY_NONE[verdict].format(least=f"{100.0 * LESS:.0f} %")
+
+
+def named(source: str) -> str:
+    """Return a source of the compensation in words.
+
+    Parameters
+    ----------
+    source : str
+    """
+    return "disturbance observer" if source == "observer" else f"{source} speed"
 
 
 def safe_gain(window: GainWindow) -> str:

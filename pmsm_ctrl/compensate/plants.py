@@ -28,11 +28,14 @@ class Judged:
     plant : Design
     at_rest : bool
         Whether the limit cycle alone counts: the RMS error depends mostly on where the axis happens to stop.
+    assumed : bool
+        Whether the plant has presliding that the design does not state.
     """
 
     trial: str
     plant: Design
     at_rest: bool
+    assumed: bool = False
 
 
 def sweep_trials(plant: Design) -> tuple[str, ...]:
@@ -80,5 +83,5 @@ def judged(plant: Design) -> dict[str, Judged]:
     bristled = with_bristle(plant)
     if bristled is not None:
         tried = bristle_trials(plant)
-        found |= {f"{name}, with presliding": Judged(name, bristled, name in AT_REST) for name in tried}
+        found |= {f"{name}, with presliding": Judged(name, bristled, name in AT_REST, assumed=True) for name in tried}
     return found

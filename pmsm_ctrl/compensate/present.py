@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
 
+from pmsm_ctrl.compensate.choice import assumptions, recommended_blocks
 from pmsm_ctrl.compensate.metrics import units_of
 from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP
-from pmsm_ctrl.compensate.notices import safe_gain, sentence, why_none
+from pmsm_ctrl.compensate.notices import named, safe_gain, sentence
 from pmsm_ctrl.compensate.result import CompensationStudy, Variant
-from pmsm_ctrl.compensate.window import FACTORS, LESS, ROUNDING, WORSE
+from pmsm_ctrl.compensate.window import LESS, ROUNDING, WORSE
 from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.section import Picture, Section, Table, present
 from pmsm_ctrl.units import axis_unit
@@ -32,18 +32,23 @@ SHOWN = (
     ("warm-up", "rms", WARM_UP),
 )  # fmt: skip
 METHOD = (
-    "The baseline already has feedforward of inertia and delay, so that the changes are due to friction alone. A gain "
-    "is safe when neither it nor any smaller gain causes a limit cycle at rest or an RMS error more than "
+    "The baseline already has feedforward of inertia and delay, so that the changes are due to friction alone. "
+    "A gain is safe when neither it nor any smaller gain causes a limit cycle at rest or an RMS error more than "
     f"{100.0 * (WORSE - 1.0):.0f} % above that without compensation, errors below one encoder count taken as one "
-    "count: an error that grows but stays below a count is safe, and no improvement. The encoder resolves the error of "
-    "a motion whose largest value, without compensation, is above one count and whose RMS value is above "
-    f"{ROUNDING:.2f} counts, that of the rounding to counts; only such motions can show an improvement. Limit cycles "
-    "are also looked for after a disturbance that can start one. Each gain is tried with the right parameters and with "
-    "parameters 20 % wrong, on the plant and, if it has no presliding, on the plant with presliding (a bristle of "
-    "0.5 mrad, 10 um for a linear axis). A motion at rest of less than one encoder count is no limit cycle. The error "
-    "of the circle is its contour error. During the warm-up Coulomb and viscous friction fall by 40 %. The axis "
-    "without friction shows the error that noise and the loops cause."
+    "count: an error that grows but stays below a count is safe, and no improvement. The encoder resolves the "
+    "error of a motion whose largest value, without compensation, is above one count and whose RMS value is "
+    f"above {ROUNDING:.2f} counts, that of the rounding to counts; only such motions can show an improvement. "
+    "Limit cycles are also looked for after a disturbance that can start one. For a safe gain each is tried "
+    "with the right parameters and with parameters 20 % wrong, on the plant and, if it has no presliding, on "
+    "the plant with presliding (a bristle of 0.5 mrad, 10 um for a linear axis), which is assumed: it decides "
+    "what is safe. Of safe gains the one is recommended that leaves the least RMS error on the design's own "
+    "plant; there the parameters are wrong by two standard errors of the design, by 6 % at least and 20 % at "
+    "most, and by 20 % where it states none. A motion at rest of less than one encoder count is no limit cycle. "
+    "The error of the circle is its contour error. During the warm-up Coulomb and viscous friction fall by 40 "
+    "%. The axis without friction shows the error that noise and the loops cause."
 )
+BY = {Variant.ALL: "reference", Variant.OBSERVER: "observer"}
+WORTH = "worth its model here"
 BRACKETS = "in brackets: without compensation below what the encoder resolves"
 
 
@@ -51,7 +56,7 @@ BRACKETS = "in brackets: without compensation below what the encoder resolves"
 def _(result: CompensationStudy) -> Section:
     return Section(
         f"Friction compensation of {result.design.name}",
-        (_verdict(result), *result.notices, *_recommended(result), *first_pictures(result), _gains(result),
+        (_verdict(result), *result.notices, *recommended_blocks(result), *first_pictures(result), _gains(result),
          _windows(result), _changes(result), *_observer(result), *_rest(result),
          *_acceptance(result),
          METHOD, _sweep(result), _runs(result)),
@@ -77,34 +82,6 @@ def first_pictures(result: CompensationStudy) -> tuple[Picture, ...]:
     return tuple(Picture(partial(drawn, e), words[e.angle is not None]) for e in result.examples)
 
 
-def _recommended(result: CompensationStudy) -> tuple[str, ...]:
-    """Return which source and gain to take, why, and the table of the design that says so."""
-    found, best = result.recommendation, result.recommended
-    if found is None or best is None:
-        return (f"Why no compensation: {why_none(result.verdict)}.",)
-    chosen = best.compensation
-    others = ", ".join(f"{_named(source)} {percent(left, 0)}" for source, left in found.others.items())
-    where = f", {found.worst}" if found.worst else ""
-    said = (
-        f"Why {_named(chosen.source)}: at safe gains no other source leaves less of the RMS error, "
-        f"{percent(found.rms, 0)} in the worst of the motions and parameter errors{where} ({others})."
-    )
-    if chosen.source == "observer" and (observer := result.observer) is not None:
-        margins = f"{observer.before.phase_margin:.0f} to {observer.after.phase_margin:.0f} deg"
-        said = f"{said[:-1]}; at full gain it lowers the phase margin from {margins}."
-    if chosen == result.design.compensation:
-        return (f"{said} The design states it already.",)
-    fields = chosen.model_dump(exclude_none=True, exclude_defaults=True)
-    stated = {"source": chosen.source, "gain": chosen.gain, "effects": chosen.effects} | fields
-    if chosen.source == "observer":  # which needs no model of the friction
-        del stated["effects"]
-    return said, "[compensation]\n" + "\n".join(f"{key} = {json.dumps(value)}" for key, value in stated.items())
-
-
-def _named(source: str) -> str:
-    return "disturbance observer" if source == "observer" else f"{source} speed"
-
-
 def _gains(result: CompensationStudy) -> Picture:
     def drawn() -> Figure:
         from pmsm_ctrl.compensate.figures import gain_sweep
@@ -126,7 +103,9 @@ def _verdict(result: CompensationStudy) -> str:
         met = sum(verdict.passed for verdict in result.verdicts)
         text += f"; acceptance: {met}/{len(result.verdicts)} limits met"
     best = result.recommendation
-    chosen = "no compensation" if best is None else f"{_named(best.compensation.source)}, gain {percent(best.gain, 0)}"
+    chosen = "no compensation"
+    if best is not None:
+        chosen = f"{named(best.compensation.source)}, gain {percent(best.gain, 0)}, {assumptions(result)}"
     return f"Recommended: {chosen}. Highest safe gain: {text}."
 
 
@@ -174,7 +153,7 @@ def _observer(result: CompensationStudy) -> tuple[str | Table, ...]:
     rows = []
     for variant in (Variant.ALL, Variant.OBSERVER):
         rms, peak, noise = (
-            f"{100.0 * max(result.change(variant, metric, f) for f in FACTORS):+.0f} %"
+            f"{100.0 * max(result.change(variant, metric, f) for f in result.doubt.factors(BY[variant])):+.0f} %"
             for metric in ("rms", "reversal_peak", "noise")
         )
         changes = (rms, peak, noise) if result.resolved_motions() else (f"({rms})", f"({peak})", noise)
@@ -187,7 +166,8 @@ def _observer(result: CompensationStudy) -> tuple[str | Table, ...]:
         )  # fmt: skip
     header = ("", "reversals", "peak", "noise", "phase margin", "abs(S)", "worst corner", "safe gain")
     caption = (
-        "Worst change at a gain of 100 %, parameters right and 20 % wrong (of the observer: its inertia); bandwidth of "
+        f"Worst change at a gain of 100 %, parameters right and {percent(result.doubt.share, 0)} wrong (of the "
+        "observer: its inertia, 20 %); bandwidth of "
         f"the observer {found.bandwidth:.4g} rad/s ({found.bandwidth / (2.0 * math.pi):.0f} Hz); margins at the "
         f"motor's current, position controlled; worst corner of the tolerances: {found.worst.name}"
     )
@@ -209,11 +189,16 @@ def _worth(result: CompensationStudy) -> str:
             "Whether friction feedforward is worth its model cannot be told: without compensation the errors at "
             "reversals are below what the encoder resolves."
         )
-    (right, wrong), (observed, off) = ((left(v, (1.0,)), left(v, FACTORS)) for v in (Variant.ALL, Variant.OBSERVER))
+    (right, wrong), (observed, off) = (
+        (left(v, (1.0,)), left(v, result.doubt.factors(BY[v]))) for v in (Variant.ALL, Variant.OBSERVER)
+    )
     told = "; ".join(
         f"{when} {percent(a[0], 0)} of the RMS error and {percent(a[1], 0)} of the peak at reversals remain, with "
         f"the observer {percent(b[0], 0)} and {percent(b[1], 0)}"
-        for when, a, b in (("with the right parameters", right, observed), ("20 % wrong", wrong, off))
+        for when, a, b in (
+            ("with the right parameters", right, observed),
+            (f"{percent(result.doubt.share, 0)} wrong", wrong, off),
+        )
     )
     cycles = [r for r in result.table if r.variant == Variant.OBSERVER and r.metrics.cycle_amplitude > 0.0]
     rest = f". With the observer the axis has a limit cycle at rest ({cycles[0].motion})" if cycles else ""
@@ -222,12 +207,15 @@ def _worth(result: CompensationStudy) -> str:
     if right[0] > LESS or right[1] > 1.0:
         verdict = "not worth its model here, since it does not lower both errors"
     elif right <= observed and wrong[0] <= min(off[0], LESS):
-        verdict = "worth its model here"
+        verdict = WORTH
     elif right >= observed and wrong[0] >= off[0]:
         verdict = "not worth its model here"
     else:
         verdict = "worth its model where the friction is known well"
-    return f"Friction feedforward is {verdict}: {told}{rest}."
+    best = result.recommendation
+    taken = best is not None and best.compensation.source == "observer"
+    beside = "; at safe gains the observer leaves less all the same" if taken and verdict == WORTH else ""
+    return f"Friction feedforward is {verdict}: {told}{rest}{beside}."
 
 
 def _rest(result: CompensationStudy) -> tuple[Table, ...]:
@@ -255,11 +243,11 @@ def _acceptance(result: CompensationStudy) -> tuple[Table, ...]:
 
 def _sweep(result: CompensationStudy) -> Table:
     rows = tuple(
-        (w.source, percent(gain, 0), percent(rms, 0), percent(judged, 0), percent(peak, 0),
+        (w.source, percent(gain, 0), percent(rms, 0), percent(judged, 0), percent(peak, 0), percent(other, 0),
          f"{cycle:.2g}" if cycle else "none", "safe" if gain <= w.safe else "not safe")
         for w in result.windows.values()
-        for gain, rms, judged, peak, cycle in zip(
-            w.gains, w.rms, w.judged, w.reversal_peak, w.cycle_counts, strict=True
+        for gain, rms, other, judged, peak, cycle in zip(
+            w.gains, w.rms, w.assumed_rms, w.judged, w.reversal_peak, w.cycle_counts, strict=True
         )
     )  # fmt: skip
     angle = axis_unit("rad", result.design.motion)
@@ -267,8 +255,9 @@ def _sweep(result: CompensationStudy) -> Table:
         "speed",
         "gain",
         "worst RMS, without compensation = 100 %",
-        "the same, errors of at least one count",
-        "worst reversal peak, of at least one count",
+        "for a safe gain: parameters 20 % wrong, errors of at least one count, the assumed bristle too",
+        "worst reversal peak, the same",
+        "worst RMS with the assumed bristle",
         f"limit cycle [{'encoder counts' if any(w.count > 0.0 for w in result.windows.values()) else angle}]",
         "judged",
     )

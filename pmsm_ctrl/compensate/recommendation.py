@@ -27,8 +27,8 @@ class Recommendation:
     compensation : Compensation
         For the design: source, gain and effects.
     rms : float
-        Worst RMS error left over the motions that the encoder resolves, and parameter errors, as a share of that
-        without compensation.
+        Worst RMS error left over the motions of the design's plant that the encoder resolves, and parameter errors, as
+        a share of that without compensation.
     others : dict of str to float
         The worst RMS error left by every other source at its own best safe gain; 1 where no gain is safe or lowers it.
     worst : str
@@ -102,7 +102,9 @@ def finer_may_help(window: GainWindow) -> bool:
 def recommended(
     windows: dict[str, GainWindow], effects: Iterable[str], stated: Compensation, sweeps: Mapping[str, Sweep]
 ) -> Recommendation | None:
-    """Return the source that leaves the least error at a safe gain; of equals the first, which closes no loop.
+    """Return the source that leaves the least error at a safe gain; of equals with less on the assumed plant, or first.
+
+    The first closes no loop.
 
     Its half is tried as well, as an export does: the window of that source is replaced.
 
@@ -138,10 +140,20 @@ def recommended(
 
 
 def _least(windows: Mapping[str, GainWindow]) -> str:
-    """Return the source that leaves least, in whole per cent: less is no reason to close a loop; "" where none does."""
+    """Return the source that leaves least, in whole per cent: less is no reason to close a loop; "" where none does.
+
+    Of equals it is the one that leaves less on the plant with the assumed presliding.
+    """
     left = {source: round(_left(window), 2) for source, window in windows.items()}
-    source = min(left, key=lambda one: left[one], default="")
+    beside = {source: round(_beside(window), 2) for source, window in windows.items()}
+    source = min(left, key=lambda one: (left[one], beside[one]), default="")
     return source if source and left[source] <= LESS else ""
+
+
+def _beside(window: GainWindow) -> float:
+    """Return what is left on the assumed plant; 1 where nothing is known of it."""
+    left = float(window.assumed_rms[_place(window)])
+    return 1.0 if math.isnan(left) else left
 
 
 def _place(window: GainWindow) -> int:

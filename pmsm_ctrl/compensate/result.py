@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.compensate import notices
 from pmsm_ctrl.compensate.acceptance import Verdict
+from pmsm_ctrl.compensate.doubt import Doubt
 from pmsm_ctrl.compensate.examples import Example
 from pmsm_ctrl.compensate.metrics import Metrics, units_of
 from pmsm_ctrl.compensate.recommendation import Recommendation, finer_may_help, first_unsafe
@@ -119,6 +120,8 @@ class CompensationStudy(Result):
         A reversal and a circle, sample by sample, as recommended; with all effects at full gain where nothing is.
     recommendation : Recommendation or None
         None where no safe gain lowers the error, or the encoder does not resolve it: see `verdict`.
+    doubt : Doubt
+        By how much the compensated parameters are assumed to be off where the error is judged.
     """
 
     design: Design
@@ -130,6 +133,7 @@ class CompensationStudy(Result):
     observer: ObserverDesign | None = None
     examples: tuple[Example, ...] = field(default=(), repr=False)
     recommendation: Recommendation | None = None
+    doubt: Doubt = field(default_factory=Doubt)
 
     @property
     def recommended(self) -> Design | None:
@@ -271,6 +275,7 @@ class CompensationStudy(Result):
             "verdict": self.verdict,
             **self.doubts(),
             "units": units_of(self.design.motion),
+            "parameter_error": asdict(self.doubt),
             "runs": [
                 {"variant": r.variant, "motion": r.motion, "factor": r.factor, **asdict(r.metrics)} for r in self.table
             ],

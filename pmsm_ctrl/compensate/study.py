@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compensate.acceptance import accept
+from pmsm_ctrl.compensate.doubt import Doubt, doubt_of
 from pmsm_ctrl.compensate.examples import examples_of
 from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.motions import Trial, study_trials
@@ -113,7 +114,8 @@ def compensate(
     every = tuple(dict.fromkeys(effect.id for effect in full.effects))
     chosen = tuple(name for name in every if name in design.compensation.effects)
     swept = chosen if design.compensation.share > 0.0 and chosen else every
-    rows, table = _compared(runs, base, every, observer is not None), []
+    doubt = doubt_of(design, swept)
+    rows, table = _compared(runs, base, every, doubt, observer is not None), []
     for row in rows:
         table.append(row)
         advance(0.5 * len(table) / (len(runs.trials) * (2 + (len(Variant) - 3) * len(FACTORS))))
@@ -127,9 +129,10 @@ def compensate(
             on = base if gain == 0.0 else compensated(base, swept, gain=gain, factor=factor, source=source)
             return runs.metrics(on, motions[name].trial, motions[name].plant)
 
-        at_rest = [name for name, motion in motions.items() if motion.at_rest]
+        at_rest, assumed = ([n for n, m in motions.items() if getattr(m, kind)] for kind in ("at_rest", "assumed"))
         sweeps[source] = partial(
-            gain_window, run, motions, source, at_rest=at_rest, resolution=runs.plant.encoder_step
+            gain_window, run, motions, source, at_rest=at_rest, resolution=runs.plant.encoder_step, assumed=assumed,
+            factors=doubt.factors(source),
         )  # fmt: skip
         windows[source] = replace(swept_window(sweeps[source], gains), hint=describing_function_limit(base, source))
         advance(0.5 + 0.45 * (done + 1) / len(sources))
@@ -140,10 +143,10 @@ def compensate(
     if found is not None:
         own = found.compensation
         chosen_drive = partial(compensated, base, own.effects, gain=found.gain, source=own.source)
-        table += _rows(runs, Variant.RECOMMENDED, chosen_drive)
+        table += _rows(runs, Variant.RECOMMENDED, chosen_drive, doubt.factors(own.source))
     examples = examples_of(base, runs.plant, chosen_drive(), seed)
     return CompensationStudy(
-        design, tuple(table), windows, full.left_out, hunting(base), verdicts, observer, examples, found
+        design, tuple(table), windows, full.left_out, hunting(base), verdicts, observer, examples, found, doubt
     )  # fmt: skip
 
 
@@ -172,7 +175,7 @@ def _observer(base: Design) -> ObserverDesign | None:
         return None
 
 
-def _compared(runs: _Runs, base: Design, every: tuple[str, ...], observed: bool) -> Iterator[Row]:
+def _compared(runs: _Runs, base: Design, every: tuple[str, ...], doubt: Doubt, observed: bool) -> Iterator[Row]:
     """Run every variant on every trial, with the parameters right and wrong."""
     simple = tuple(name for name in SIMPLE if name in every)
     right = base.replace_effects(runs.plant.effects)
@@ -187,11 +190,11 @@ def _compared(runs: _Runs, base: Design, every: tuple[str, ...], observed: bool)
     }
     yield from (Row(Variant.NONE, name, 1.0, runs.metrics(base, name)) for name in runs.trials)
     for variant, (start, chosen, source) in variants.items():
-        yield from _rows(runs, variant, partial(compensated, start, chosen, source=source))
+        yield from _rows(runs, variant, partial(compensated, start, chosen, source=source), doubt.factors(source))
 
 
-def _rows(runs: _Runs, variant: Variant, drive: Callable[..., Design]) -> Iterator[Row]:
+def _rows(runs: _Runs, variant: Variant, drive: Callable[..., Design], factors: Iterable[float]) -> Iterator[Row]:
     """Run a compensation on every trial, with the parameters right and wrong."""
-    for factor in FACTORS:
+    for factor in factors:
         believed = drive(factor=factor)
         yield from (Row(variant, name, factor, runs.metrics(believed, name)) for name in runs.trials)

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compensate.metrics import Metrics
 
 __all__ = [
-    "FACTORS", "FULL", "GAINS", "LESS", "ROUNDING", "GainWindow", "Unresolved", "best_place", "gain_window", "resolves",
-    "sweep_gains",
+    "FACTORS", "FULL", "GAINS", "LESS", "ROUNDING", "WORSE", "WRONG", "GainWindow", "Unresolved", "best_place",
+    "gain_window", "resolves", "sweep_gains",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 
 HIGHEST = 1.5  # gain at which a sweep ends
 FULL = 1.0  # largest gain that is recommended: above it only parameters that are too low gain
-FACTORS = (0.8, 1.0, 1.2)  # on the compensated parameters
+FACTORS = (0.8, 1.0, 1.2)  # on the compensated parameters, for which a safe gain is safe
+WRONG = 0.2  # the same as a share
 WORSE = 1.05  # largest RMS error of a safe gain, as a share of that without compensation
 LESS = 0.95  # largest RMS error of an improvement, as a share of that without compensation
 ROUNDING = 12.0**-0.5  # RMS error of a position that is rounded to encoder counts, in counts
@@ -53,10 +54,11 @@ class GainWindow:
         "reference", "commanded" or "measured".
     gains : array, shape (n,)
     rms : array, shape (n,)
-        Worst RMS error over the motions that the encoder resolves, and parameter errors, as a share of that without
-        compensation. NaN above a gain of 0 where it resolves none.
+        Worst RMS error over the motions of the design's plant that the encoder resolves, and parameter errors, as a
+        share of that without compensation. NaN above a gain of 0 where it resolves none.
     judged : array, shape (n,)
-        The same over all motions, errors below an encoder count taken as one count: what a safe gain is judged by.
+        The same over all motions, those with the assumed presliding too, errors below an encoder count taken as one
+        count, parameters 20 % wrong: what a safe gain is judged by.
     reversal_peak : array, shape (n,)
         The same as `judged` for the peak after a change of direction.
     cycle : array, shape (n,)
@@ -75,7 +77,10 @@ class GainWindow:
         For each gain the motion with the largest `rms`; "" without compensation or where the encoder resolves none,
         and empty where it is not known.
     unresolved : tuple of Unresolved
-        Motions that have no part in `rms`.
+        Motions of the design's plant that have no part in `rms`.
+    assumed : array, shape (n,), or None
+        As `rms`, on the plant with the presliding that is assumed; None where there is none, and NaN where the encoder
+        does not resolve its error.
     """
 
     source: str
@@ -91,6 +96,12 @@ class GainWindow:
     count: float = 0.0
     worst: tuple[str, ...] = ()
     unresolved: tuple[Unresolved, ...] = ()
+    assumed: Array | None = None
+
+    @property
+    def assumed_rms(self) -> Array:
+        """`assumed`, NaN where nothing is assumed."""
+        return np.full(self.gains.shape, np.nan) if self.assumed is None else self.assumed
 
     @property
     def resolved(self) -> bool:
@@ -154,8 +165,10 @@ def gain_window(
     gains: Iterable[float] = GAINS,
     at_rest: Iterable[str] = (),
     resolution: float = 0.0,
+    assumed: Iterable[str] = (),
+    factors: Iterable[float] = FACTORS,
 ) -> GainWindow:
-    """Sweep the gain over motions, each with its plant, and parameter errors (`FACTORS`).
+    """Sweep the gain over motions, each with its plant, and parameter errors: for a safe gain those of `FACTORS`.
 
     Parameters
     ----------
@@ -171,23 +184,31 @@ def gain_window(
         Angle of an encoder count, rad (m): a safe gain is judged with errors below it taken as it, since the drive
         cannot tell them apart. A motion whose error it does not resolve without compensation is judged, but cannot
         show an improvement.
+    assumed : iterable of str
+        Motions on a plant of which a part is assumed: they have no part in `rms`.
+    factors : iterable of float
+        On the compensated parameters, for the error that is left.
 
     Returns
     -------
     GainWindow
     """
-    names, resting = tuple(motions), set(at_rest)
+    names, resting, supposed = tuple(motions), set(at_rest), set(assumed)
     swept = np.array(sorted(set(gains) | {0.0}))
     plain = {name: run(0.0, 1.0, name) for name in names}
     moving = [name for name in names if name not in resting]
-    shown = [name for name in moving if resolves(plain[name], resolution)]
-    rms, judged, peak = np.ones(swept.size), np.ones(swept.size), np.ones(swept.size)
+    shown = [name for name in moving if name not in supposed and resolves(plain[name], resolution)]
+    beside = [name for name in moving if name in supposed and resolves(plain[name], resolution)]
+    rms, judged, peak, other = (np.ones(swept.size) for _ in range(4))
     cycle = np.full(swept.size, max(metrics.cycle_amplitude for metrics in plain.values()))
     limits, worst_on = [""] * swept.size, [""] * swept.size
     for k, gain in enumerate(swept[1:].tolist(), start=1):
         worst = {name: _worst([run(gain, f, name) for f in FACTORS], plain[name], resolution) for name in names}
-        worst_on[k] = max(shown, key=lambda name: worst[name].rms, default="")
-        rms[k] = worst[worst_on[k]].rms if shown else np.nan
+        tried = {name: max(run(gain, f, name).rms for f in factors) for name in (*shown, *beside)}
+        left = {name: _ratio(rms_of, plain[name].rms, 0.0) for name, rms_of in tried.items()}
+        worst_on[k] = max(shown, key=lambda name: left[name], default="")
+        rms[k] = left[worst_on[k]] if shown else np.nan
+        other[k] = max((left[name] for name in beside), default=np.nan)
         judged[k], peak[k] = max(worst[n].judged for n in moving), max(worst[n].reversal_peak for n in moving)
         cycle[k] = max(found.cycle for found in worst.values())
         by_cycle = max(worst, key=lambda name: worst[name].cycle)
@@ -196,9 +217,11 @@ def gain_window(
     good[0] = True
     reach = int(np.argmin(good)) - 1 if not good.all() else swept.size - 1
     safe, limited = float(swept[reach]), limits[reach + 1] if reach + 1 < swept.size else ""
+    best = float(swept[best_place(swept, rms, safe)])
+    own = [name for name in moving if name not in supposed]
     return GainWindow(
-        source, swept, rms, judged, peak, cycle, safe, float(swept[best_place(swept, rms, safe)]), limited_by=limited,
-        count=resolution, worst=tuple(worst_on), unresolved=_unresolved(plain, moving, resolution),
+        source, swept, rms, judged, peak, cycle, safe, best, limited_by=limited, count=resolution,
+        worst=tuple(worst_on), unresolved=_unresolved(plain, own, resolution), assumed=other if supposed else None,
     )  # fmt: skip
 
 
@@ -211,7 +234,6 @@ def _unresolved(plain: dict[str, Metrics], moving: Iterable[str], count: float) 
 class _Worst:
     """The worst of a motion over parameter errors: errors as shares of those without, the limit cycle in rad (m)."""
 
-    rms: float
     judged: float
     reversal_peak: float
     cycle: float
@@ -220,13 +242,12 @@ class _Worst:
 def _worst(found: list[Metrics], plain: Metrics, resolution: float) -> _Worst:
     """Return the worst of a motion; a limit cycle that the axis has anyway does not count."""
     return _Worst(
-        max(_ratio(m.rms, plain.rms) for m in found),
         max(_ratio(m.rms, plain.rms, resolution) for m in found),
         max(_ratio(m.reversal_peak, plain.reversal_peak, resolution) for m in found),
         max((m.cycle_amplitude for m in found if m.cycle_amplitude > LARGER * plain.cycle_amplitude), default=0.0),
     )
 
 
-def _ratio(value: float, reference: float, least: float = 0.0) -> float:
+def _ratio(value: float, reference: float, least: float) -> float:
     value, reference = max(value, least), max(reference, least)
     return value / reference if reference > 0.0 else 1.0

@@ -16,6 +16,7 @@ from pmsm_ctrl.effects.signals import CURRENTS, SIGNALS
 from pmsm_ctrl.effects.soundness import value_at
 from pmsm_ctrl.effects.structures import LogView, Search, Structure, Term
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
+from pmsm_ctrl.units import axis_words
 
 __all__ = ["SIGNALS", "Effect", "Parameter"]
 
@@ -176,6 +177,19 @@ class Effect:
     def falsifies_current(self) -> bool:
         """Whether currents are measured wrongly, so that what it adds to the torque balance does not act."""
         return self.enters == "measurement" and self.channels == CURRENTS
+
+    def title_on(self, motion: str) -> str:
+        """Return the title on this kind of axis: a force in place of a torque on a linear one.
+
+        Parameters
+        ----------
+        motion : {"rotary", "linear"}
+
+        Returns
+        -------
+        str
+        """
+        return axis_words(self.title, motion)
 
     @property
     def linear(self) -> tuple[Parameter, ...]:

@@ -12,7 +12,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.export.program import Program
 from pmsm_ctrl.export.trees import kinds
 from pmsm_ctrl.export.writers import plain
-from pmsm_ctrl.units import axis_unit
+from pmsm_ctrl.units import axis_words
 
 __all__ = ["Block", "Value", "identifier", "loop_gains"]
 
@@ -94,10 +94,10 @@ class Block:
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", plain(self.title))
         motion = "linear" if self.linear else "rotary"
-        object.__setattr__(self, "notes", {k: plain(axis_unit(text, motion)) for k, text in self.notes.items()})
+        object.__setattr__(self, "notes", {k: plain(axis_words(text, motion)) for k, text in self.notes.items()})
         if self.linear:
             for part in ("inputs", "outputs", "constants", "gains"):
-                values = tuple(replace(v, meaning=axis_unit(v.meaning, "linear")) for v in getattr(self, part))
+                values = tuple(replace(v, meaning=axis_words(v.meaning, "linear")) for v in getattr(self, part))
                 object.__setattr__(self, part, values)
 
     @property

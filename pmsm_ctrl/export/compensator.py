@@ -55,9 +55,16 @@ class Terms:
         The effects and their parameters.
     inputs : dict of str to str, optional
         Effect to the parameter that is held in the block's memory, not a constant.
+    motion : {"rotary", "linear"}
+        Of the axis, for the words.
     """
 
-    def __init__(self, effects: list[tuple[Effect, dict[str, float]]], inputs: dict[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        effects: list[tuple[Effect, dict[str, float]]],
+        inputs: dict[str, str] | None = None,
+        motion: str = "rotary",
+    ) -> None:
         self.scope: dict[str, object] = {}
         self.given: dict[str, ast.expr] = {}
         self.calls: list[tuple[str, str]] = []
@@ -76,7 +83,7 @@ class Terms:
             own = {p.symbol for p in effect.parameters}
             arguments = (f"v{k}_{a}" if a in own else a for a in effect.arguments)
             self.scope[f"term_{k}"] = effect.term
-            self.calls.append((effect.title, f"term_{k}({', '.join(arguments)})"))
+            self.calls.append((effect.title_on(motion), f"term_{k}({', '.join(arguments)})"))
 
     def _label(self, text: str) -> str:
         label, number = text, 1
@@ -118,7 +125,7 @@ def compensator(design: Design) -> Block:
         raise RequestError(f"{design.source or design.name}: no effect to compensate; identify friction first")
     chosen = design.compensation
     adaptive = {e.id: _TRACKED[e.id][0] for e, _ in effects if chosen.source == "adaptive" and e.id in _TRACKED}
-    terms = Terms(effects, adaptive)
+    terms = Terms(effects, adaptive, design.motion)
     numbers = {
         "K_t": Value("K_T", "N m/A, torque constant", design.K_t_assumed),
         "gain": Value("GAIN", "share of the friction that is fed forward", exported_gain(design)),

@@ -1,6 +1,7 @@
 """Tables that drives accept: friction over commanded speed, cogging as order, amplitude and phase or over the angle.
 
-Every torque here is the one that opposes the motion: a drive adds it to what its controller asks for.
+Every torque here is the one that a drive adds to what its controller asks for. Friction opposes the motion; a wave over
+the angle has the same sign in both directions.
 """
 
 from __future__ import annotations
@@ -164,8 +165,9 @@ def table_files(design: Design, logs: Sequence[Log] = ()) -> dict[str, str]:
         lines += [f"{k:.12g},{a:.12g},{phase:.12g},{_degrees(phase):.12g}" for k, a, phase in rows]
         theta = "mechanical angle of the logs, rad" if rotary else "position of the logs, m"
         lines.append(
-            f"# {'T' if rotary else 'F'} = amplitude sin(order theta + phase) opposes the motion; theta: {theta}, "
-            "from its zero. Sign, zero and sine or cosine of a drive may differ: turn the phase to its convention"
+            f"# {'T' if rotary else 'F'} = amplitude sin(order theta + phase) is to be added to the drive's own, in "
+            f"both directions alike; theta: {theta}, from its zero. Sign, zero and "
+            "sine or cosine of a drive may differ: turn the phase to its convention"
         )
         files[f"{axis}_cogging.csv"] = "\n".join([*lines, ""])
     if rotary and rows:  # the drive counts harmonics of a turn
@@ -211,8 +213,8 @@ def _ax8000(rows: list[tuple[float, float, float]]) -> str:
             f"32CB:{first + 2:02X},Coef {k} r,{amplitude:.6g},N m",
         ]
     lines.append(
-        "# Written as r sin(n theta + phi) of the torque that opposes the motion. Not confirmed with a manual: the "
-        "sign; the angle from which phi counts; sine or cosine: compare one harmonic on the axis before you use ten"
+        "# Written as r sin(n theta + phi) of the torque to be added to the drive's own. Not confirmed with a manual: "
+        "the sign; the angle from which phi counts; sine or cosine: compare one harmonic on the axis before you use ten"
     )
     return "\n".join([*lines, ""])
 

@@ -72,7 +72,7 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
     known = KnownTorque(design)
     if known.notices:
         raise RequestError(f"{design.source or design.name}: {known.notices[0]}")
-    terms = Terms(list(known.effects))
+    terms = Terms(list(known.effects), motion=design.motion)
     signals = {a for effect, _ in known.effects for a in effect.signals}
     inputs, outputs, motor = _inputs(design, settings, signals), _outputs(settings), _motor(design)
     constants = [*motor.values(), *_settings(s).values(), *terms.constants, *_sources()]

@@ -13,7 +13,7 @@ from pmsm_ctrl.evidence.trends import FALSE_DISCOVERIES, FEWEST_RECORDS
 from pmsm_ctrl.fleet.answers import AxisAnswer, Change, Finding, FleetReport, Series
 from pmsm_ctrl.fleet.policy import OUTLYING
 from pmsm_ctrl.fleet.result import FleetResult, Lost
-from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error
+from pmsm_ctrl.rendering.numbers import counted, number, percent, probability, with_error
 from pmsm_ctrl.section import Block, Picture, Section, Sparkline, Table, present
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ DRAWN = ("F_c", "F_v")  # parameters that the table of axes draws
 def _(result: FleetResult) -> Section:
     answered = result.logs - len(result.lost)
     verdict = (
-        f"{result.logs} logs of {result.axes} axes: {answered} with an answer; {result.evaluated} evaluated in "
-        f"{result.seconds:.3g} s, {result.reused} from earlier runs."
+        f"{counted(result.logs, 'log')} of {counted(result.axes, 'axis', 'axes')}: {answered} with an answer; "
+        f"{result.evaluated} evaluated in {result.seconds:.3g} s, {result.reused} from earlier runs."
     )
     blocks: list[Block] = [verdict, *result.notices]
     if result.verdicts:
@@ -80,7 +80,8 @@ def verdict_of(report: FleetReport) -> str:
     elif tested < len(report.axes):
         changing += f" of the {tested} with the {FEWEST_RECORDS} records that the test takes"
     return (
-        f"{len(report.axes)} axes: {len(report.missing)} lack an effect, {consistent} are consistent with the "
+        f"{counted(len(report.axes), 'axis', 'axes')}: {counted(len(report.missing), 'lacks', 'lack')} an effect, "
+        f"{counted(consistent, 'is', 'are')} consistent with the "
         f"effects of their design, {changing}; at most {percent(FALSE_DISCOVERIES, 0)} of the named axes are expected "
         "to be false."
     )
@@ -152,7 +153,8 @@ def _missing(report: FleetReport) -> Section | None:
         for one in report.missing for found in one.findings
     )  # fmt: skip
     said = (
-        f"{len(report.missing)} of {len(report.axes)} axes lack an effect. An effect has to show in two records, where "
+        f"{len(report.missing)} of {counted(len(report.axes), 'axis', 'axes')} "
+        f"{'lacks' if len(report.missing) == 1 else 'lack'} an effect. An effect has to show in two records, where "
         "an axis has as many. p allows for all candidates and records of an axis, q for all axes (Benjamini and "
         "Hochberg)."
     )

@@ -30,6 +30,23 @@ def number(value: float, digits: int = 4) -> str:
     return "-" if math.isnan(value) else f"{value + 0.0:.{digits}g}"
 
 
+def counted(number: int, one: str, several: str = "") -> str:
+    """Return a number with its noun: "1 log", "2 logs".
+
+    Parameters
+    ----------
+    number : int
+    one : str
+    several : str
+        The plural; that of `one` with an s where it is left out.
+
+    Returns
+    -------
+    str
+    """
+    return f"{number} {one if number == 1 else several or one + 's'}"
+
+
 def percent(share: float, decimals: int = 2) -> str:
     """Return a share as percent.
 

@@ -17,6 +17,7 @@ from pmsm_ctrl.errors import DesignError, NextCommand, RequestError, require_kin
 from pmsm_ctrl.files import sha256, write_text
 from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
 from pmsm_ctrl.identify.paper import PAPER_CASES
+from pmsm_ctrl.likely import unlikely
 from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.report.drive_parts import drive_parts
@@ -104,14 +105,14 @@ def study(
         headline = of_diagnosis(found, comparison)
     now = _entry(design, records, identification)
     entries = () if history is None else extended(before, now)
+    outcome = Study(identification.design, path, headline, results, (), entries, complete)
     if complete:
         more, missing = drive_parts(
-            identification.design, records[0], path, seed=seed, progress=lambda s: advance(0.95 + 0.05 * s)
+            outcome.completed, records[0], path, seed=seed, progress=lambda s: advance(0.95 + 0.05 * s)
         )
-        results |= more
+        outcome = replace(outcome, results=results | more)
         left_out += missing
-    doubts = (*left_out, *_of_input(design, records, holdouts))
-    outcome = Study(identification.design, path, headline, results, doubts, entries, complete)
+    outcome = replace(outcome, doubts_of_input=(doubts := (*left_out, *_of_input(design, records, holdouts))))
     raised = (*doubts, *results["diagnose"].notices) if "diagnose" in results else doubts  # before the numbers
     text = render(
         f"Study of {design.name}",
@@ -139,9 +140,9 @@ def _entry(design: Design, records: Sequence[Log], identification: Identificatio
 
 
 def _of_input(design: Design, records: Sequence[Log], holdouts: Sequence[Log]) -> tuple[Notice, ...]:
-    """What is doubtful in the logs, in the words of every verb."""
+    """What is doubtful in the design and the logs, in the words of every verb."""
     other = (of_holdout(notice) for holdout in holdouts for notice in doubts_about(design, holdout).notices)
-    return tuple(dict.fromkeys((*doubts_about(design, records).notices, *other)))
+    return tuple(dict.fromkeys((*unlikely(design), *doubts_about(design, records).notices, *other)))
 
 
 def _simulated_parts(

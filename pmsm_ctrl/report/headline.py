@@ -67,8 +67,11 @@ def of_simulation(design: Design, swept: SweepResult, duration: float) -> Headli
     verdict = f"The sweep returns the simulated friction within {worst:.2f} %"
     if worst <= ACCEPTED_PERCENT:
         return Headline(done, f"{verdict} (accepted: {ACCEPTED_PERCENT:g} %).", True, tuple(numbers), line)
-    why = "more than its noise makes" if any(sure) else "no more than its noise makes"
-    verdict += f", more than the accepted {ACCEPTED_PERCENT:g} %, and {why}."
+    verdict = f"The sweep misses the simulated friction by up to {worst:.2f} % (accepted: {ACCEPTED_PERCENT:g} %)"
+    if any(sure):
+        verdict += ": more than the noise of the simulation explains."
+    else:
+        verdict += ": the noise of the simulation explains this."
     return Headline(done, verdict, False if any(sure) else None, tuple(numbers), line)
 
 

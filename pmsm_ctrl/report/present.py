@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pmsm_ctrl.diagnose import Diagnosis, verdict_text
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.report.history import Entry
@@ -29,6 +30,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 INTRODUCTIONS = {
     "compare": "The model is the design with the identified inertia and friction; nothing else was fitted."
 }
+OF_THE_DRIVE = ("compensate", "track", "export")  # what a complete study does with one design
 # The subject of the headline comes first, the loops last.
 MEASURED_ORDER = ("diagnose", "compare", "identify", "tune")
 SIMULATED_ORDER = ("sweep", "paper", "identify", "compare", "tune")
@@ -57,10 +59,24 @@ def parts(study: Study) -> tuple[Section, ...]:
     for verb in (*(v for v in order if v in study.results), *(v for v in study.results if v not in order)):
         # what is doubtful in the logs stands once, before all parts
         section = study.results[verb].section().without(study.doubts_of_input)
-        introduction = (INTRODUCTIONS[verb],) if verb in INTRODUCTIONS else ()
+        said = _whose_design(study) if verb in OF_THE_DRIVE else INTRODUCTIONS.get(verb, "")
+        introduction = (said,) if said else ()
         first = 1 if isinstance(section.blocks[0], str) else 0  # the verdict, by which a page folds the section
         shown.append(replace(section, blocks=(*section.blocks[:first], *introduction, *section.blocks[first:])))
     return (*shown, history_section(study.history)) if study.history else tuple(shown)
+
+
+def _whose_design(study: Study) -> str:
+    """Say which design is compensated, tracked and exported."""
+    effects = ", ".join(dict.fromkeys(entry.id for entry in study.completed.effects)) or "no effects"
+    found = study.results.get("diagnose")
+    if study.diagnosed is not None:
+        return f"The design is the one that the diagnosis completed: {effects}."
+    whose = f"The design is the given one with what identify found: {effects}"
+    if not isinstance(found, Diagnosis):
+        return f"{whose}."
+    why = f"its verdict is {verdict_text(found)}" if found.improved else "the given design leaves less of the torque"
+    return f"{whose}. That of the diagnosis is not taken: {why}."
 
 
 @present.register

@@ -84,12 +84,31 @@ class Study(Result):
         return tuple(dict.fromkeys((*self.doubts_of_input, *parts)))
 
     @property
-    def completed(self) -> Design:
-        """The design with what the log says: the missing effects where it was diagnosed, the identified parameters."""
-        from pmsm_ctrl.diagnose import Diagnosis
+    def diagnosed(self) -> Design | None:
+        """The design of the diagnosis, where it lowers the error and the verdict supports it; else None."""
+        from pmsm_ctrl.diagnose import Diagnosis, Verdict
 
         found = self.results.get("diagnose")
-        return found.design if isinstance(found, Diagnosis) else self.design
+        if not isinstance(found, Diagnosis) or not found.improved:
+            return None
+        return found.design if found.verdict in (Verdict.EFFECTS_MISSING, Verdict.CONSISTENT) else None
+
+    @property
+    def completed(self) -> Design:
+        """The design with what the log says, which is compensated, tracked and exported.
+
+        That of the diagnosis where there is one, with the missing effects; else the one with the identified parameters.
+        """
+        return self.diagnosed or self.design
+
+    @property
+    def found(self) -> Design | None:
+        """The completed design where a log led to one; None without a log, or where the given design is better."""
+        from pmsm_ctrl.identify import Identification
+
+        identified = self.results.get("identify")
+        fitted = "diagnose" in self.results and isinstance(identified, Identification) and identified.improved
+        return self.completed if self.diagnosed is not None or fitted else None
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON.
@@ -97,13 +116,15 @@ class Study(Result):
         Returns
         -------
         dict
-            The headline, the notices, and the results by verb.
+            The headline, the notices, the design that a log led to, and the results by verb.
         """
+        design = {} if self.found is None else {"design": self.found.to_dict()}
         return {
             "verdict": self.headline.verdict,
             "numbers": {label: value for value, label in self.headline.numbers},
             "report": str(self.path),
             **self.doubts(),
+            **design,
             **{verb: jsonable(result.to_dict()) for verb, result in self.results.items()},
         }
 

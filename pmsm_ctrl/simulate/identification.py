@@ -9,7 +9,9 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.likely import unlikely
 from pmsm_ctrl.simulate.motions import Array, Limits, PathBuilder, Scenario, multisine_signal, require_positive
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["identification", "identification_parts"]
 
@@ -52,7 +54,7 @@ def identification(
     if unit < 0.2:
         raise RequestError(
             f"scenario 'identification': its ramps leave too little of the duration of {duration:g} s; "
-            "it should be longer, or the acceleration greater"
+            f"it should be longer, or the acceleration greater{_why_slow(design, slope, acceleration)}"
         )
     builder, segments = identification_parts(unit, top, slope, turn)
     path, ramp = builder.path(), 0.3 * top / (0.1 * slope)
@@ -66,6 +68,19 @@ def identification(
         return {"omega_ref": path.at(t)[1], "i_q_add": signal}
 
     return Scenario("identification", duration, references, segments=tuple(segments))
+
+
+def _why_slow(design: Design | None, slope: float, stated: float | None) -> str:
+    """Return where a slow acceleration comes from, and how a longer run is asked for."""
+    if design is None or stated is not None:
+        return ""
+    where = axis_unit("rad/s^2", design.motion)
+    doubts = "".join(f". {notice.text}" for notice in unlikely(design))
+    inertia = "mass" if design.motion == "linear" else "inertia J"
+    return (
+        f": the current limit and the {inertia} of the design make it {slope:.3g} {where}; duration = 120.0 in "
+        f"[scenarios.identification] asks for a longer run{doubts}"
+    )
 
 
 def _time_unit(duration: float, top: float, slope: float, turn: float) -> float:

@@ -47,7 +47,7 @@ CHANGING = Template("friction_changed", "friction changed over the stream (alarm
 REJECTED = Template("measurements_rejected", "measurements rejected as outliers: {count}")
 STREAM_LOST = Template(
     "stream_samples_lost",
-    "of the stream {lost} samples are missing, {damaged} lines were damaged, {repeated} did not advance in time",
+    "the stream is not whole (samples missing: {lost}, lines damaged: {damaged}, not advancing in time: {repeated})",
 )
 STREAM_CLOCK = Template("stream_clock_set_back", "the clock of the stream was set back (times: {count}); time goes on")
 STREAM_REOPENED = Template("stream_reopened", "the source was opened again (times: {count})")

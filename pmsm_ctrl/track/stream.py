@@ -21,7 +21,7 @@ from pmsm_ctrl.importers.table import Column, Table
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.units import encoder_step
 
-__all__ = ["IDLE", "MISSING", "REOPENED", "Header", "decoded", "follow", "lines_of", "read_header"]
+__all__ = ["IDLE", "MISSING", "REOPENED", "Header", "decoded", "follow", "lines_of", "read_header", "with_units"]
 
 POLL = 0.1  # s between two looks at a file
 SEPARATORS = (";", "\t", ",")
@@ -117,6 +117,29 @@ def read_header(
             factor *= encoder_step(counts, motion) if counted else _to_own(labels[k], unit, own, channel in scale)
             columns[channel] = (k, factor * scale.get(channel, 1.0))
     return Header(separator, columns)
+
+
+def with_units(labels: str, line: str) -> str | None:
+    """Return a line of labels with the units that the line below it states; None where that is no row of units.
+
+    Parameters
+    ----------
+    labels, line : str
+
+    Returns
+    -------
+    str or None
+    """
+    separator = next((one for one in SEPARATORS if one in labels), ",")
+    names, cells = ([cell.strip() for cell in one.split(separator)] for one in (labels, line))
+    units = [cell.strip('"').strip("[]()").strip() for cell in cells]
+    stated = [unit for unit in units if unit not in ("", "-")]
+    if len(names) != len(units) or not any(map(str.isalpha, "".join(stated))):
+        return None
+    if any(unit_of(unit) is None for unit in stated):
+        return None
+    quoted = ((name.strip('"'), unit if unit in stated else "") for name, unit in zip(names, units, strict=True))
+    return separator.join(f"{name} [{unit}]" if unit and "[" not in name else name for name, unit in quoted)
 
 
 def _mapped(table: Table, stated: Mapping[str, str], given: Mapping[str, str]) -> dict[str, tuple[int, str, float]]:

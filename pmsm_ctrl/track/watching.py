@@ -25,7 +25,7 @@ from pmsm_ctrl.track.live import FrictionTracker, Reading
 from pmsm_ctrl.track.model import EVENTS, F_C, F_V, REJECTED, STANDSTILL, STATES
 from pmsm_ctrl.track.result import UNITS
 from pmsm_ctrl.track.settings import Settings, start
-from pmsm_ctrl.track.stream import IDLE, MISSING, REOPENED, Header, read_header
+from pmsm_ctrl.track.stream import IDLE, MISSING, REOPENED, Header, read_header, with_units
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Watched", "watch"]
@@ -300,6 +300,7 @@ def watch(
     """
     watcher = _Watcher(design, settings, estimate, window)
     header: Header | None = None
+    labels = ""  # the last line, where it was a header
     heard, due = time.monotonic(), -math.inf
     try:
         for line in lines:
@@ -312,8 +313,12 @@ def watch(
             if line == REOPENED:
                 watcher.reconnects += 1
                 continue
+            below, labels = with_units(labels, line) if labels else None, ""
+            if below is not None:
+                header = _header(below, mapping, design, None)
+                continue
             if (new := _header(line, mapping, design, header)) is not None:
-                header = new
+                header, labels = new, line
                 continue
             watcher.unread += header is None
             values = header.values(line) if header is not None else None

@@ -119,7 +119,17 @@ def _method(result: Tuning, loop: str) -> str:
     bandwidth, slowed = getattr(asked, f"{loop}_bandwidth"), result.slowed.get(loop, 1.0)
     if bandwidth is not None:
         words += f", {bandwidth:g} Hz specified"
-    return words if slowed == 1.0 else f"{words}, slowed down {slowed:.3g} times to meet the margins"
+    return words if slowed == 1.0 else f"{words}, slowed down {slowed:.3g} times {_why_slowed(result, loop, slowed)}"
+
+
+def _why_slowed(result: Tuning, loop: str, slowed: float) -> str:
+    """Return what slowed a loop down: the drive's limit, the margins, or both."""
+    limit = {"current": "voltage", "speed": "encoder"}[loop]
+    factor = result.limited.get(limit, 1.0)
+    because = {"voltage": "by the voltage limit", "encoder": "by the encoder's resolution"}[limit]
+    if factor == 1.0:
+        return "to meet the margins"
+    return because if math.isclose(factor, slowed, rel_tol=1e-6) else f"{because} and to meet the margins"
 
 
 def _gains(result: Tuning) -> Table:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.design import Design, Loops
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.likely import unlikely
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice, Section, present
 from pmsm_ctrl.tune import notices
@@ -150,9 +151,15 @@ class Tuning(Result):
         return self.margins_met and (self.proof is None or self.proof.passed)
 
     @property
+    def against(self) -> tuple[Notice, ...]:
+        """Why the gains are not defended: nominal margins that are missed, and failed checks."""
+        codes = (notices.MARGIN.code, notices.CHECK.code)
+        return tuple(notice for notice in self.notices if notice.code in codes)
+
+    @property
     def notices(self) -> tuple[Notice, ...]:
         """Reasons to doubt the gains."""
-        return (*self._margin_notices(), *self._drive_notices())
+        return (*unlikely(self.design), *self._margin_notices(), *self._drive_notices())
 
     def _margin_notices(self) -> list[Notice]:
         missed, out = self.requirements.missed, []

@@ -12,11 +12,13 @@ from dataclasses import replace
 from typing import Any
 
 import control as ct
+import numpy as np
 
 from pmsm_ctrl.design import Filter, SpeedLoop
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune.current import check_bandwidth, check_method, phase_limit, pi_for_margin
 from pmsm_ctrl.tune.delays import Delays, delays
+from pmsm_ctrl.tune.margins import margins
 from pmsm_ctrl.tune.requirements import Specification
 from pmsm_ctrl.tune.sampled import Cascade, filters, pi, speed_plant
 
@@ -25,6 +27,7 @@ __all__ = [
 ]  # fmt: skip
 
 METHODS = ("symmetrical_optimum", "pole_placement", "bandwidth")
+LEAST_A, MOST_A = 1.2, 50.0  # of the symmetrical optimum
 LEAST_LAG = math.radians(6.0)  # T_n of about 9.5 / omega_c: slower integrators reject loads too slowly
 
 
@@ -67,7 +70,7 @@ def tune_speed(
     check_method("speed loop", wanted.speed, METHODS)
     budget = delays(cascade.design, cascade.current, behind)
     if wanted.speed == "symmetrical_optimum":
-        found = _symmetrical(cascade, budget, wanted)
+        found = _symmetrical(cascade, budget, wanted, behind)
     else:
         least = wanted.phase_margin if wanted.speed == "bandwidth" else min(wanted.phase_margin, 45.0)
         limit = highest_bandwidth(cascade, least, behind)
@@ -98,19 +101,35 @@ def _assumed(cascade: Cascade) -> tuple[float, float]:
     return cascade.design.K_t_assumed, cascade.design.assumed.J or cascade.design.J
 
 
-def _symmetrical(cascade: Cascade, budget: Delays, wanted: Specification) -> SpeedLoop:
+def _symmetrical(cascade: Cascade, budget: Delays, wanted: Specification, behind: tuple[Filter, ...]) -> SpeedLoop:
     a = wanted.a
     if wanted.speed_bandwidth is not None:
         a = 1.0 / (2.0 * math.pi * wanted.speed_bandwidth * budget.speed)
-    if not 1.2 <= a <= 50.0:
-        fastest = 1.0 / (2.0 * math.pi * 1.2 * budget.speed)
+    if not LEAST_A <= a <= MOST_A:
+        least = _smallest(cascade, budget, wanted, behind)
+        fastest = math.floor(1.0 / (2.0 * math.pi * least * budget.speed))
         raise RequestError(
-            f"speed loop: the symmetrical optimum would need a = {a:.3g}, outside 1.2 to 50; with "
-            f"{budget.explain_speed()} its crossover is at most {fastest:.4g} Hz (a = 1.2, 10 deg)"
+            f"speed loop: the symmetrical optimum would need a = {a:.3g}, outside {LEAST_A:g} to {MOST_A:g}; with "
+            f"{budget.explain_speed()} the required margins hold up to --speed-bandwidth {fastest} (a = {least:.3g})"
         )
+    return _optimal(cascade, budget, a)
+
+
+def _optimal(cascade: Cascade, budget: Delays, a: float) -> SpeedLoop:
     K_p, T_n = symmetrical_optimum(*_assumed(cascade), budget.speed, a)
     # The filter cancels the zero of the PI; without it the step overshoots by 43 % at a = 2.
     return SpeedLoop(K_p=K_p, T_n=T_n, reference_filter=T_n)
+
+
+def _smallest(cascade: Cascade, budget: Delays, wanted: Specification, behind: tuple[Filter, ...]) -> float:
+    """Return the smallest a whose sampled loop has the required margins; where none has, the largest."""
+
+    def met(a: float) -> bool:
+        loop = open_loop(cascade, _optimal(cascade, budget, a).model_copy(update={"filters": behind}))
+        return not wanted.requirements.missed(margins(loop))
+
+    tried = np.geomspace(LEAST_A, MOST_A, 60)
+    return next((float(a) for a in tried if met(a)), MOST_A)
 
 
 def _by_crossover(plant: Any, budget: Delays, wanted: Specification, limit: float) -> SpeedLoop:

@@ -8,13 +8,14 @@ from typing import Any
 from pmsm_ctrl.datasheet import MACHINES, answers_from, design_toml, plausibility, read_answer
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
+from pmsm_ctrl.sheet_questions import PITCH
 
 __all__ = ["FormError", "form", "from_form", "from_text", "shown"]
 
 WORDS = {
     "motor": "Motor with winding data (resistance, inductance)",
     "plain": "Motor of which only the torque constant is known",
-    "linear": "Linear motor or screw axis: a mass and a force constant",
+    "linear": "Linear motor or screw axis: a mass and a force constant, and windings where the pole pitch is known",
 }
 LONGEST_NAME = 80
 
@@ -46,7 +47,7 @@ def form() -> list[dict[str, Any]]:
             "questions": [
                 {
                     "key": q.key, "text": q.text, "units": list(q.units), "default": q.default,
-                    "needed": q.default is None,
+                    "needed": q.default is None and not q.beside,
                 }
                 for q in questions
             ],
@@ -99,16 +100,21 @@ def from_form(name: str, machine: str, given: Mapping[str, str]) -> tuple[Design
         wrong["name"] = f"a name of 1 to {LONGEST_NAME} characters was expected"
     for question in MACHINES[machine]:
         text = given.get(question.key, "").strip()
-        if not text and question.default is None:
+        asked = not question.beside or bool(given.get(question.beside, "").strip())
+        if not text and question.default is None and asked:
             wrong[question.key] = "a number is needed here"
+        elif text and not asked:
+            wrong[question.beside] = "a number is needed here beside those of the windings"
         elif text:
             try:
                 read_answer(question, text)
             except RequestError as error:
                 wrong[question.key] = str(error).partition(": ")[2]
-    torque = ("torque_constant", "emf_constant")
-    if machine == "motor" and not any(given.get(key, "").strip() for key in torque):
-        wrong |= dict.fromkeys(torque, "one of torque constant and EMF constant is needed")
+    wound = machine == "motor" or bool(given.get(PITCH, "").strip())
+    torque = ("torque_constant", "emf_constant") if wound else ("torque_constant",)
+    if not any(given.get(key, "").strip() for key in torque):
+        either = "one of torque constant and EMF constant is needed"
+        wrong |= dict.fromkeys(torque, either if wound else "a number is needed here")
     if wrong:
         raise FormError(wrong)
     answers = answers_from({key: text for key, text in given.items() if text.strip()}, None, machine)

@@ -318,7 +318,7 @@ def solve(request: Request) -> dict[str, Any]:
     from pmsm_ctrl.effects.catalogue import catalogue_of
     from pmsm_ctrl.rendering.numbers import with_error
     from pmsm_ctrl.result import jsonable
-    from pmsm_ctrl.units import axis_unit
+    from pmsm_ctrl.units import axis_unit, axis_words
 
     key = _key(request, request["steps"])
     model, diagnosis = fitted(request, request["steps"])
@@ -331,18 +331,21 @@ def solve(request: Request) -> dict[str, Any]:
         "names": model.names,
         "cutoff": model.cutoff,
         "floor": {name: error["relative"] for name, error in model.noise_floor.items()},
-        "titles": {name: effect.title for name, effect in catalogue.items()},
-        "candidates": [_candidate(one, catalogue) for one in model.rank()],
+        "titles": {name: effect.title_on(design.motion) for name, effect in catalogue.items()},
+        "candidates": [_candidate(one, catalogue, design.motion) for one in model.rank()],
         "effects": [
             {
-                "id": entry.id, "title": catalogue[entry.id].title, "given": k < given,
+                "id": entry.id, "title": catalogue[entry.id].title_on(design.motion), "given": k < given,
                 "parameters": [
                     f"{symbol} = "
                     + with_error(value, entry.stderr.get(symbol, 0.0),
                                  axis_unit(catalogue[entry.id].parameter(symbol).unit, design.motion))
                     for symbol, value in entry.parameters.items()
                 ],
-                "meanings": [catalogue[entry.id].parameter(symbol).description for symbol in entry.parameters],
+                "meanings": [
+                    axis_words(catalogue[entry.id].parameter(symbol).description, design.motion)
+                    for symbol in entry.parameters
+                ],
             }
             for k, entry in enumerate(design.effects)
         ],
@@ -354,11 +357,11 @@ def solve(request: Request) -> dict[str, Any]:
     return _shown[key] | jsonable({"records": _records(request, model)})
 
 
-def _candidate(one: Any, catalogue: Mapping[str, Any]) -> dict[str, Any]:
+def _candidate(one: Any, catalogue: Mapping[str, Any], motion: str) -> dict[str, Any]:
     identifier = one.effect.split(" ")[0]
     effect = catalogue.get(identifier)
     return {
-        "name": one.effect, "id": identifier, "title": effect.title if effect else identifier,
+        "name": one.effect, "id": identifier, "title": effect.title_on(motion) if effect else identifier,
         "explained": one.explained, "p": one.p_value, "why_not": one.why_not, "advised": one.refusal is None,
         "needs": effect.needs if effect else "", "look_alikes": list(effect.look_alikes) if effect else [],
         "possible": one.refusal is None or one.refusal.reason.value not in ("unavailable", "not_independent"),

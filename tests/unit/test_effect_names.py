@@ -26,7 +26,7 @@ READING = ("get", "pop", "setdefault", "startswith", "parameter", "parameters", 
 # Words that are something else where they stand.
 ALLOWED = {
     ("track/model.py", "gap"): "a gap of the log, as an event of the tracker",
-    ("datasheet.py", "g"): "gram",
+    ("sheet_questions.py", "g"): "gram",
     ("frf/bode.py", "g"): "a name of a response in a file",
     ("design_loops.py", "order"): "of a low-pass filter",
     ("design_parts.py", "J_load"): "the inertia of `SecondMass`, whose tolerance may be stated",

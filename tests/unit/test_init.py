@@ -169,6 +169,37 @@ def test_a_linear_axis_has_a_mass_and_a_force_constant(designs: Path, capsys: py
     assert "# counts per metre" in Path("emps.toml").read_text(encoding="utf-8")
 
 
+WOUND = {
+    "pole_pitch": "16 mm", "torque_constant": "120.2 N/A rms", "resistance": "3.2 Ohm line",
+    "inductance": "14 mH line", "inertia": "28 kg", "current_limit": "10 A rms", "supply": "400 V ac",
+}  # fmt: skip
+
+
+def test_a_linear_motor_with_windings(capsys: pytest.CaptureFixture[str]) -> None:
+    """The motor of the README: `init` is what `tune` of a plain linear axis points to."""
+    assert call("init", "slide", *options({**WOUND, "emf_constant": "69.4 V rms line/(m/s)"})) == 0
+    shown = capsys.readouterr()
+    assert shown.err == "", "the EMF constant is that of the force constant"
+    design, text = Design.read("slide.toml"), Path("slide.toml").read_text(encoding="utf-8")
+    assert design.motor.electrical
+    assert design.motor.p == pytest.approx(math.pi / 0.016)
+    assert pytest.approx(120.2 / math.sqrt(2.0)) == design.K_t
+    assert pytest.approx(1.6) == design.motor.R
+    assert design.drive.u_dc == pytest.approx(565.7, abs=0.1)
+    # by hand: u_dc / sqrt(3) over the EMF of a phase, K_t / 1.5 per m/s
+    assert f"no-load speed: {565.685 / math.sqrt(3.0) / (120.2 / math.sqrt(2.0) / 1.5):.4g} m/s" in shown.out
+    assert "rpm" not in shown.out
+    assert "K_t_rms = 120.2               # N per A rms" in text
+    assert "pi over the pole pitch of 0.016 m" in text
+    assert "tunes and simulates" in shown.out
+
+
+def test_the_flux_of_a_linear_motor_follows_from_its_emf_constant() -> None:
+    given = {key: text for key, text in WOUND.items() if key != "torque_constant"}
+    assert call("init", "slide", *options({**given, "emf_constant": "69.4 V rms line/(m/s)"})) == 0
+    assert pytest.approx(120.2 / math.sqrt(2.0), rel=1e-3) == Design.read("slide.toml").K_t
+
+
 def test_a_plain_axis_is_identified_from_a_log(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("init", "--machine", "plain", *options({**PLAIN, "current_limit": "5 A peak"})) == 0
     # by hand: 0.0318 N m/A times 5 A over 6.14e-6 kg m^2
@@ -197,6 +228,10 @@ def test_a_plain_axis_is_identified_from_a_log(capsys: pytest.CaptureFixture[str
         (["--machine", "linear", *options({**LINEAR, "encoder": "0 um"})], "a step of 0.1 nm to 10 mm"),
         (["--machine", "linear", *options({**LINEAR, "inertia": "1.6 kg cm2"})], "accepted: kg, g"),
         (["--machine", "linear", *options(PLAIN)], "accepted: N/A peak"),
+        (["--machine", "linear", *options(LINEAR), "--resistance", "1 Ohm line"], "--resistance needs --pole-pitch"),
+        (options({**WOUND, "torque_constant": "85 N/A dc"}), "N/A peak or N/A rms was expected beside --pole-pitch"),
+        (options({**WOUND, "pole_pitch": "0 mm"}), "a pole pitch above 0 was expected"),
+        (["--machine", "linear", "--inertia", "3 kg"], "missing --torque-constant (N/A peak, N/A rms, N/A dc)"),
     ],
 )
 def test_what_a_machine_does_not_have_is_refused(
@@ -452,3 +487,20 @@ def test_an_example_that_does_not_exist_names_those_that_do(capsys: pytest.Captu
     said = capsys.readouterr().err
     assert "did you mean 'seed_motor'? (known: adaptive, emps" in said
     assert list(Path.cwd().iterdir()) == []
+
+
+def test_the_form_of_a_page_asks_for_windings_beside_a_pole_pitch_alone() -> None:
+    from pmsm_ctrl.workbench.sheet import FormError, form, from_form
+
+    asked = {q["key"]: q["needed"] for kind in form() if kind["machine"] == "linear" for q in kind["questions"]}
+    assert not asked["resistance"]
+    assert not from_form("screw", "linear", LINEAR)[0].motor.electrical
+    assert from_form("slide", "linear", WOUND)[0].motor.electrical
+    for wrong, field in (
+        ({**LINEAR, "resistance": "3.2 Ohm line"}, "pole_pitch"),
+        ({**WOUND, "resistance": ""}, "resistance"),
+        ({**LINEAR, "torque_constant": ""}, "torque_constant"),
+    ):
+        with pytest.raises(FormError) as raised:
+            from_form("slide", "linear", wrong)
+        assert set(raised.value.fields) == {field}

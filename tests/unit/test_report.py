@@ -392,9 +392,9 @@ def test_a_design_without_friction_has_no_share_of_it_in_the_headline(designs: P
     ("off", "stderr", "good", "said"),
     [
         (0.009, 0.001, True, "within 0.90 % (accepted: 1 %)"),
-        (0.03, 0.015, None, "more than the accepted 1 %, and no more than its noise makes"),
-        (0.03, 0.005, False, "more than the accepted 1 %, and more than its noise makes"),
-        (0.03, float("nan"), False, "more than the accepted 1 %, and more than its noise makes"),
+        (0.03, 0.015, None, "(accepted: 1 %): the noise of the simulation explains this"),
+        (0.03, 0.005, False, "(accepted: 1 %): more than the noise of the simulation explains"),
+        (0.03, float("nan"), False, "(accepted: 1 %): more than the noise of the simulation explains"),
     ],
 )
 def test_a_sweep_says_whether_its_noise_or_it_misses_the_friction(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -265,7 +266,7 @@ def test_measured_speed_has_the_narrower_window(study: CompensationStudy) -> Non
 
 @pytest.mark.slow
 def test_result_renders(study: CompensationStudy) -> None:
-    text = study.summary(width=1000)
+    text = " ".join(study.summary(width=1000).split())
     assert "Highest safe gain: 100 % with reference-speed" in text
     assert all(axis.get_ylabel() for axis in study.plot().axes)
     for table in (block for block in study.section().blocks if isinstance(block, Table)):
@@ -284,9 +285,16 @@ def test_the_recommended_compensation_can_be_exported_and_is_what_the_first_scre
     told = brief.to_dict()["recommended"]
     assert (told["source"], told["gain"]) == (best.compensation.source, best.compensation.gain)
     text = brief.summary(width=1000, brief=True)
-    assert f"Recommended: {told['source']} speed, gain {100 * told['gain']:.0f} %. Highest safe gain: " in text
+    assumed = "for parameters within 20 % (assumed, without standard errors)"
+    assumed += "; safe also with an assumed bristle of 0.5 mrad"
+    said = f"Recommended: {told['source']} speed, gain {100 * told['gain']:.0f} %, {assumed}. Highest safe gain: "
+    assert said in " ".join(text.split())
     assert f"Why {told['source']} speed: at safe gains no other source leaves less of the RMS error, " in text
     assert f'[compensation]\nsource = "{told["source"]}"\ngain = {told["gain"]}' in brief.summary(width=1000)
+    (why,) = (block for block in brief.section().blocks if isinstance(block, str) and block.startswith("Why "))
+    (table,) = (b for b in brief.section().blocks if isinstance(b, Table) and b.caption.startswith("RMS error left at"))
+    assert set(re.findall(r"\d+ %", why)) <= {cell for row in table.rows for cell in row}, "a number is in no table"
+    assert len(table.rows) == len(brief.windows)
     headline = headline_of(brief)
     assert headline is not None
     (gain, meant), (rms, of_rms), (peak, _) = headline.numbers

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from pmsm_ctrl.compensate.doubt import DRIFT, Doubt, doubt_of
+from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.notices import safe_gain
 from pmsm_ctrl.compensate.recommendation import recommended, swept_window
-from pmsm_ctrl.compensate.window import GainWindow, sweep_gains
+from pmsm_ctrl.compensate.window import GainWindow, gain_window, sweep_gains
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.design_parts import Compensation
 
 
@@ -100,3 +104,68 @@ def test_an_adaptive_compensation_stays_adaptive() -> None:
     found = recommended(windows_of(axes.values()), ("coulomb",), Compensation(source="adaptive", gain=1.0), axes)
     assert found is not None
     assert found.compensation.source == "adaptive"
+
+
+def left_by(factors: Iterable[float] = (0.8, 1.0, 1.2)) -> GainWindow:
+    """Return the window of a friction that is known: what is left is what the parameters are off by.
+
+    On the assumed plant the error grows to 150 %, which is below a count.
+    """
+
+    def run(gain: float, factor: float, name: str) -> Metrics:
+        rms = 0.4 * (1.0 + 0.5 * gain) if name == "assumed" else 100.0 * abs(1.0 - gain * factor)
+        return Metrics(rms, 10.0 * rms, 10.0 * rms, 0.0, 0.0, 0.0, 0.1, 0.01)
+
+    given = {"gains": (0.5, 1.0), "resolution": 1.0, "assumed": ["assumed"]}
+    return gain_window(run, ["own", "assumed"], "reference", factors=factors, **given)  # type: ignore[arg-type]
+
+
+def test_the_assumed_plant_decides_what_is_safe_and_not_what_is_best() -> None:
+    """At full gain 20 % are left of the friction that the design states, where 150 % was said to be left."""
+    window = left_by()
+    assert window.safe == 1.0
+    assert window.rms.tolist() == pytest.approx([1.0, 0.6, 0.2])
+    assert window.assumed_rms.tolist() == pytest.approx([1.0, 1.25, 1.5])
+    assert (window.best, window.worst[-1]) == (1.0, "own")
+    found = recommended({"reference": window}, ("coulomb",), Compensation(), {"reference": lambda gains: window})
+    assert found is not None
+    assert (found.gain, found.rms) == (1.0, pytest.approx(0.2))
+
+
+def test_of_equals_the_one_that_leaves_less_on_the_assumed_plant() -> None:
+    axes = {name: Axis(name, 1.0, 0.3) for name in ("reference", "commanded")}
+    windows = windows_of(axes.values())
+    for source, left in (("reference", 0.9), ("commanded", 0.5)):
+        windows[source] = replace(windows[source], assumed=np.full(windows[source].gains.shape, left))
+    found = recommended(windows, ("coulomb",), Compensation(), axes)
+    assert found is not None
+    assert found.compensation.source == "commanded"
+
+
+def test_parameters_known_well_are_not_taken_to_be_20_percent_off() -> None:
+    """What is safe is judged for 20 % all the same."""
+    known, unknown = left_by((0.94, 1.0, 1.06)), left_by()
+    assert known.rms[-1] == pytest.approx(0.06)
+    assert known.safe == unknown.safe
+    assert known.judged.tolist() == unknown.judged.tolist()
+
+
+@pytest.mark.parametrize(
+    ("stderr", "wanted"),
+    [
+        ({"coulomb": {"F_c": 2e-5}, "viscous": {"F_v": 1e-6}}, Doubt(DRIFT, stated=True)),  # friction drifts
+        ({"coulomb": {"F_c": 2e-5}, "viscous": {"F_v": 1e-5}}, Doubt(0.1, stated=True)),
+        ({"coulomb": {"F_c": 2e-5}, "viscous": {"F_v": 1e-4}}, Doubt(0.2, stated=True)),
+        ({"coulomb": {"F_c": 2e-5}, "viscous": {}}, Doubt()),
+    ],
+)
+def test_two_standard_errors_of_the_parameter_known_worst(stderr: dict[str, dict[str, float]], wanted: Doubt) -> None:
+    effects = [
+        {"id": "coulomb", "F_c": 0.02, "stderr": stderr["coulomb"]},
+        {"id": "viscous", "F_v": 2e-4, "stderr": stderr["viscous"]},
+        {"id": "constant_load", "T_0": 0.01},  # is not compensated
+    ]
+    design = Design.from_dict({"motor": {"J": 1e-4, "K_t": 1.0}, "effects": effects})
+    found = doubt_of(design, ("coulomb", "viscous"))
+    assert (found.share, found.stated) == (pytest.approx(wanted.share), wanted.stated)
+    assert found.factors("observer") == (0.8, 1.0, 1.2)

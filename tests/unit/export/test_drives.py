@@ -170,7 +170,8 @@ def test_what_no_manual_has_confirmed_stands_in_the_file(files: dict[str, str]) 
 def test_the_phase_convention_of_cogging_stands_in_its_file(files: dict[str, str], design: Design) -> None:
     """The rows by the formula that the file states are the torque that the simulated drive has at every angle."""
     text = files["low_speed_cogging.csv"]
-    assert "= amplitude sin(order theta + phase) opposes the motion" in text
+    assert "= amplitude sin(order theta + phase) is to be added to the drive's own, in both directions alike" in text
+    assert not any("opposes the motion" in one for name, one in files.items() if "cogging" in name)
     rows = np.loadtxt(text.splitlines()[1:], delimiter=",", ndmin=2)
     theta = np.linspace(0.0, 2.0 * math.pi, 50)
     written = sum(a * np.sin(k * theta + phase) for k, a, phase, _ in rows)

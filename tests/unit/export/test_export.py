@@ -27,6 +27,7 @@ from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.feedforward import Feedforward
 from pmsm_ctrl.simulate.parameters import Controller
 from tests.effort import seeds
+from tests.linear_motors import linear_motor
 from tests.unit.export.compiled_c import FLAGS, Compensator
 from tests.unit.export.structured_text import parsed, parsed_library, parsed_tcpou
 
@@ -252,6 +253,16 @@ def test_headers_compile_as_cpp_and_link_to_the_c(design: Design, tmp_path: Path
         subprocess.run(["g++", "-c", str(tmp_path / "use.cpp"), "-o", str(tmp_path / "use.o")], check=True)
         symbols = subprocess.run(["nm", str(tmp_path / "use.o")], check=True, capture_output=True, text=True).stdout
         assert f" U {block}_init" in symbols  # the name of C, not one that C++ has decorated
+
+
+def test_the_code_of_a_linear_axis_speaks_of_forces() -> None:
+    """A force was called "N, Coulomb friction torque"."""
+    axis = linear_motor().design.with_effect("constant_load", {"T_0": 2.0})
+    axis = axis.replace(compensation={"gain": 0.5, "effects": ["coulomb", "viscous", "constant_load"]})
+    for language in ("c", "st"):
+        text = checked_export(axis, language, force=True)
+        assert "torque" not in text.lower()
+        assert {"Coulomb friction force", "Constant load force"} <= set(re.findall(r"[A-Z][a-z]+ \w+ force", text))
 
 
 def test_linear_friction_gets_evenly_spread_speeds() -> None:

@@ -317,14 +317,19 @@ def test_single_precision_after_a_day_of_motion(tmp_path: Path, request: pytest.
             assert (apart / exact[f"sd_{name}"])[log.t > 7.5].max() < 0.3, name
 
 
+@pytest.mark.parametrize(("counts", "apart"), [(1 << 17, 1e-3), (1 << 20, 1e-2)])
 @pytest.mark.slow
 def test_a_day_that_is_run_in_single_precision_is_that_in_double(
-    tmp_path: Path, request: pytest.FixtureRequest
+    tmp_path: Path, request: pytest.FixtureRequest, counts: int, apart: float
 ) -> None:
-    """86,400,000 samples in either precision: at two speeds, with rests, while the friction falls by 40 %."""
+    """86,400,000 samples in either precision: at two speeds, with rests, while the friction falls by 40 %.
+
+    The bounds are what docs/export.md states; of a finer encoder a difference within a period has fewer digits.
+    """
     axis = Design.read(request.config.rootpath / "designs" / "seed_motor.toml")
+    axis = axis.replace(sensor={"encoder_counts": counts})
     n, every = amount(3_600_000, 86_400_000), 5000
-    numbers_of_axis = np.array([axis.J, axis.K_t, 0.0213, 0.000168, 2.0 * np.pi / 131072, 0.004])
+    numbers_of_axis = np.array([axis.J, axis.K_t, 0.0213, 0.000168, 2.0 * np.pi / counts, 0.004])
     found = {}
     for precision, kind in (("double", "double"), ("single", "float")):
         folder = tmp_path / precision
@@ -341,7 +346,7 @@ def test_a_day_that_is_run_in_single_precision_is_that_in_double(
         ctypes.CDLL(str(library)).day(ctypes.c_long(n), ctypes.c_long(every), *pointers)
         found[precision] = rows
     exact, rounded = found["double"], found["single"]
-    assert np.abs(rounded[:, :2] / exact[:, :2] - 1.0).max() < 1e-3
+    assert np.abs(rounded[:, :2] / exact[:, :2] - 1.0).max() < apart
     for name, value in (("double", exact), ("single", rounded)):
         off = (value[:, :2] - value[:, 4:]) / value[:, 2:4]
         assert np.sqrt(np.mean(off[24:] ** 2)) < 1.3, name  # both follow the warm axis

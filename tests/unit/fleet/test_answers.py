@@ -39,7 +39,7 @@ def test_a_step_at_the_day_of_an_effect_is_counted_as_the_effect() -> None:
     assert {one.axis: one.beside for one in report.changes} == {"a": ("cogging",), "b": ()}
     assert report.changing == ("b",)
     text = " ".join(report.summary(width=400).split())
-    assert "1 lack an effect" in text
+    assert "1 lacks an effect" in text
     assert "1 change over time" in text
     assert "is counted as that effect" in text
     assert {one["axis"]: one["beside"] for one in report.to_dict()["changes"]} == {"a": ["cogging"], "b": []}

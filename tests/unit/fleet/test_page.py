@@ -81,7 +81,7 @@ def test_watch_writes_the_pages_that_the_fleet_links(tmp_path: Path, monkeypatch
 
 def test_the_summary_names_the_axes(tmp_path: Path) -> None:
     text = answered("r", a_fleet(20, 8, 3), {}).summary(width=1000)
-    assert "20 axes: 1 lack an effect" in text
+    assert "20 axes: 1 lacks an effect" in text
     assert "cogging" in text
 
 
@@ -91,3 +91,8 @@ def test_what_the_report_refuses(words: list[str], tmp_path: Path, monkeypatch: 
     with pytest.raises(SystemExit) as left:
         main(["fleet", *words])
     assert left.value.code == 2
+
+
+def test_one_log_of_one_axis_is_singular() -> None:
+    text = FleetResult("results", 1, 1, 1, 0, {}, (), 1.0, 1.0, ()).summary()
+    assert "1 log of 1 axis: 1 with an answer" in " ".join(text.split())

@@ -289,3 +289,21 @@ def test_the_command(
             main([*words, *more])
         assert left.value.code == 2
         assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("quote", ["", '"'])
+def test_a_row_of_units_below_the_names_is_no_damaged_line(seed: Design, lines: list[str], quote: str) -> None:
+    """Its units hold, as in a file: the current of this stream is in mA."""
+    header, *rows = lines
+    names, units = zip(*(cell.strip().rstrip("]").split(" [") for cell in header.split(",")), strict=True)
+    place = names.index("i_q")
+    scaled = []
+    for row in rows[:3000]:
+        cells = row.strip().split(",")
+        cells[place] = repr(float(cells[place]) * 1e3)
+        scaled.append(",".join(cells))
+    stated = [f"{quote}{'mA' if name == 'i_q' else unit}{quote}" for name, unit in zip(names, units, strict=True)]
+    found = watch(seed, [",".join(names), ",".join(stated), *scaled], source="test")
+    known = watch(seed, [header, *rows[:3000]], source="test")
+    assert (found.samples, found.damaged) == (known.samples, 0)
+    assert found.estimates["F_c"].value == pytest.approx(known.estimates["F_c"].value, rel=1e-6)

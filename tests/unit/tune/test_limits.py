@@ -34,10 +34,18 @@ def test_a_small_step_of_the_current_fits_the_voltage():
     assert found.limited == pytest.approx({"voltage": factor})
     assert found.slowed["current"] == pytest.approx(factor)
     assert "limited_by_voltage" in {notice.code for notice in found.notices}
+    assert f"slowed down {factor:.3g} times by the voltage limit" in found.summary(width=300)
     # With the gains of the rule the axis runs away to a third of a radian.
     trial = study_trials(found.design)["reversal 2 rad/s"]
     log = run_trial(baseline(found.design), trial)[0]
     assert np.abs(log["theta_ref"] - log["theta_true"]).max() < 1e-3
+
+
+def test_a_table_names_what_slowed_a_loop_down() -> None:
+    """It was said to be the margins, beside a warning that it is the encoder."""
+    found = tune(Design.from_dict(SLOW_WINDING).replace(sensor={"encoder_counts": 8192}), prove=False)
+    assert f"slowed down {found.slowed['speed']:.3g} times by the encoder's resolution" in found.summary(width=300)
+    assert "to meet the margins" not in found.summary(width=300)
 
 
 @pytest.mark.slow

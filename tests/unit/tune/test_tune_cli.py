@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -54,3 +55,37 @@ def test_an_unstable_loop_is_named_and_shown(designs, tmp_path, capsys):
     assert "speed loop: unstable with the gains given" in capsys.readouterr().err
     assert "An unstable loop" in page.read_text()
     assert "svg" in page.read_text()
+
+
+def test_gains_whose_margins_are_missed_are_not_written(designs, tmp_path, capsys):
+    """130 Hz leave the speed loop less than 30 deg: as `add` and `compensate`, only --force writes them."""
+    new, told = tmp_path / "new.toml", tmp_path / "new.json"
+    words = ["tune", str(designs / "seed_motor.toml"), "--no-prove", "--speed-bandwidth", "130"]
+    assert run(app, [*words, "--output", str(new), "--json", str(told)]) == 1
+    assert not new.exists()
+    assert "design" not in json.loads(told.read_text())
+    (line,) = [one for one in capsys.readouterr().err.splitlines() if "not written" in one]
+    assert re.search(r"new.toml: not written: speed loop: phase margin .* < 30 deg; --force writes it$", line)
+    assert run(app, [*words, "--output", str(new), "--force"]) == 1
+    assert Design.read(new).loops is not None
+
+
+def test_the_bandwidth_that_is_offered_keeps_the_margins(designs, capsys):
+    """212 Hz were offered, with 10 deg."""
+    words = ["tune", str(designs / "seed_motor.toml"), "--no-prove", "--speed-bandwidth"]
+    assert run(app, [*words, "500"]) == 2
+    offered = re.search(r"--speed-bandwidth (\d+) ", capsys.readouterr().err)
+    assert offered is not None
+    assert run(app, [*words, offered[1]]) == 0
+
+
+def test_the_design_is_written_before_the_table_is_printed(designs, tmp_path, monkeypatch):
+    """A reader such as `head -1` ends after the first line, and so did the command."""
+
+    def closed(*_, **__):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("pmsm_ctrl.console.say", closed)
+    new = tmp_path / "new.toml"
+    run(app, ["tune", str(designs / "seed_motor.toml"), "--no-prove", "--output", str(new)])
+    assert Design.read(new).loops is not None
