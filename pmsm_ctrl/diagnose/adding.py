@@ -183,7 +183,7 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
     rows = record_rows(case, base, made)
     return Addition(
         effect=trial.candidate.effect.id,
-        title=trial.candidate.effect.title,
+        title=trial.candidate.effect.title_on(case.record.prepared.motion),
         design=case.as_given if worse else written,
         parameters=parameters,
         base=base_values,
@@ -192,7 +192,7 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
         against=tuple(against),
         notices=(*([worse] if worse else []), *case.believed.notices, *record_notices(rows), *case.remarks, *said),
         records=rows,
-        spreads=record_spreads(made.record, made.estimate),
+        spreads=record_spreads(made.record, made.estimate, rows),
         improved=worse is None,
         remarks=refined.said,
         log_name=case.name,

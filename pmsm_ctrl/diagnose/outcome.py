@@ -110,7 +110,7 @@ def outcome(
         },
         base=base_parameters(case.as_given, told.fits[0]),
         records=records,
-        spreads=record_spreads(final.record, final.estimate),
+        spreads=record_spreads(final.record, final.estimate, records),
         record=case.record,
         selection=told,
         holdouts=case.holdouts,
@@ -190,7 +190,7 @@ def _steps(case: Case, selection: Selection) -> Iterator[DiagnosisStep]:
         effect, parameters = step.trial.candidate.effect, fitted_parameters(selection.fit, k)
         name = effect.label({symbol: found.value for symbol, found in parameters.items()})
         yield DiagnosisStep(
-            effect.id, name, effect.title, step.equivalents, parameters,
+            effect.id, name, effect.title_on(case.record.prepared.motion), step.equivalents, parameters,
             own[k], own[k + 1], other[k], other[k + 1], _evidence(step.evidence),
             _free_run(case, selection.fits[k + 1]),
         )  # fmt: skip

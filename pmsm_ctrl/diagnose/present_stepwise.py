@@ -59,7 +59,7 @@ def _effects(found: Stepwise) -> Table:
             + with_error(value, entry.stderr.get(symbol, 0.0), axis_unit(effect.parameter(symbol).unit, design.motion))
             for symbol, value in entry.parameters.items()
         )
-        rows.append((effect.title, ", ".join(shown)))
+        rows.append((effect.title_on(design.motion), ", ".join(shown)))
     return Table(("effect", "parameters"), tuple(rows), "Effects of the fitted design")
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects, catalogue_of
+from pmsm_ctrl.effects.soundness import value_at
 from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.kernels import balance
@@ -115,9 +116,7 @@ def _opposing_torque(design: Design) -> Callable[..., float]:
             "torque": design.K_t * i_q if m is None else _torque_em(m.p, m.psi_f, m.L_d, m.L_q, i_d, i_q),
             "t": 0.0, "p": p, "di_d": 0.0, "di_q": 0.0,
         }  # fmt: skip
-        return sum(
-            float(effect.py_term(*((signals | values)[name] for name in effect.arguments))) for effect, values in bound
-        )
+        return sum(float(value_at(effect, signals | values)) for effect, values in bound)
 
     return total
 
