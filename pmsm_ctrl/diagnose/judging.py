@@ -244,12 +244,19 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
 
 
 def _ran_out(one: Accepted) -> bool:
-    """Whether the shape wants to be outside of what is searched: shorter than a log can tell, or at a bound."""
+    """Whether the shape wants to be outside of what is searched: shorter than a log can tell, or at a bound.
+
+    A wave that wants to be longer than the longest is a constant and a slope.
+    """
     shortest = any(
         p.within_grid and len(one.grid) > 1 and one.shape[p.symbol] <= min(shape[p.symbol] for shape in one.grid)
         for p in one.effect.searched
     )
-    return shortest or one.effect.structure.at_bound(one.effect, one.shape)
+    known = (
+        one.effect.period if any(p.symbol == one.effect.period and p.within_grid for p in one.effect.searched) else ""
+    )
+    longest = known and one.shape[known] >= max(shape[known] for shape in one.grid)
+    return bool(shortest or longest) or one.effect.structure.at_bound(one.effect, one.shape)
 
 
 def judge_holdout(case: Case, before: Fitted, after: Fitted) -> Refusal | None:

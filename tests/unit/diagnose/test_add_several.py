@@ -17,7 +17,8 @@ def test_add_has_a_row_for_every_record_and_says_the_zeros() -> None:
     assert [row.angle is not None and row.angle.value != 0.0 for row in made.records].count(True) == 2
     assert "other_zero" in {notice.code for notice in made.notices}
     assert {one.symbol for one in made.spreads} == {"dF_c", "dF_v", "offset"}
-    assert "Standard deviation between records" in made.summary(width=200)
+    # the same friction in all of them
+    assert "Deviation of each record from all: dry friction below" in made.summary(width=200)
     assert [row["name"] for row in made.to_dict()["records"]] == [row.name for row in made.records]
 
 
