@@ -53,7 +53,7 @@ def gain_sweep(study: CompensationStudy) -> Figure:
         title=f"Gain sweep, parameters right and {100.0 * study.doubt.share:.0f} % wrong\n"
         f"(dotted: highest safe gain; shaded: safe by {used} speed)",
     )
-    upper.legend(fontsize="small")
+    _legend(figure, upper)
     angle = axis_unit("rad", study.design.motion)
     lower.set(ylabel=f"limit cycle at rest [m{angle}]", xlabel="gain of the compensation [%]")
     return figure
@@ -66,7 +66,7 @@ def reversal(example: Example, angle: str) -> Figure:
     upper.plot(example.t, 1e3 * example.without, "--", color=RED, linewidth=1.2, label="without compensation")
     upper.plot(example.t, 1e3 * example.compensated, color=BLUE, linewidth=1.2, label=example.label)
     upper.set_ylabel(f"position error [m{angle}]")
-    upper.legend(fontsize="small", loc="best")
+    _legend(figure, upper)
     lower.plot(example.t, example.speed, color="black", linewidth=1.2)
     lower.axhline(0.0, color="black", linewidth=0.6)
     lower.set(ylabel=f"reference\nspeed [{angle}/s]", xlabel="time from the reversal [s]")
@@ -95,7 +95,7 @@ def circle(example: Example, angle: str) -> Figure:
     axes.set_aspect("equal")
     axes.set(xlabel=f"axis 1 [{angle}]", ylabel=f"axis 2 [{angle}]")
     axes.set_title(f"radial error magnified {magnified:g} times, largest {1e3 * peak:.3g} m{angle}", fontsize="medium")
-    axes.legend(fontsize="small", loc="center", frameon=True)
+    _legend(figure, axes)
     return figure
 
 
@@ -116,9 +116,15 @@ def acceptance(verdict: Verdict) -> Figure:
             upper.plot(log.t, 1e3 * error, style, color=colour, linewidth=0.8, label=name)
             lower.plot(log.t, log["i_q_ref"], style, color=colour, linewidth=0.6)
     upper.set_ylabel(f"position error [m{angle}]")
-    upper.legend(fontsize="small", ncols=2, loc="lower right")
+    _legend(figure, upper)
     lower.set(ylabel="current reference [A]", xlabel="time [s]")
     return figure
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    """Name the curves below the figure, where the names cover none of them."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), fontsize="small")
 
 
 def _panels(heights: tuple[int, int] = (1, 1)) -> tuple[Figure, Axes, Axes]:
