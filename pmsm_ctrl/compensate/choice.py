@@ -100,7 +100,8 @@ def _table(result: CompensationStudy) -> tuple[Table, ...]:
         place = _place(window)
         beside = float(window.assumed_rms[place])
         rows.append((
-            named(source), percent(float(window.gains[place]), 0), percent(max(result.doubt.factors(source)) - 1.0, 0),
+            named(source), percent(float(window.gains[place]), 0) if window.gains[place] else "none",
+            percent(max(result.doubt.factors(source)) - 1.0, 0),
             percent(float(window.rms[place]), 0), (window.worst[place] if window.worst else "") or "-",
             percent(beside, 0) if math.isfinite(beside) else "-",
         ))  # fmt: skip
