@@ -6,6 +6,7 @@ instruments of the reference.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -97,10 +98,11 @@ def _left_by_curves(found: Based) -> float:
 
     Friction of the base model has one slope: that of a curve that falls is below zero as well.
     """
-    rows, names = found.record.weight[0] * found.record.mask, [one.symbol for one in found.problem.columns]
-    speed, dry = np.abs(found.problem.omega), found.problem.columns[names.index(FRICTION["coulomb"])].values
-    others = [one.values for one in found.problem.columns if one.symbol != FRICTION["viscous"]]
-    left = []
+    rows, columns = found.record.weight[0] * found.record.mask, {one.name: one.values for one in found.problem.columns}
+    if (dry := columns.get(FRICTION["coulomb"])) is None:  # it stays as stated
+        return math.inf
+    speed, left = np.abs(found.problem.omega), []
+    others = [values for name, values in columns.items() if name != FRICTION["viscous"]]
     for width in FALLING * float(np.max(speed)):
         matrix = rows[:, None] * np.column_stack([*others, dry * np.exp(-speed / width)])
         target = rows * found.problem.target

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ import pytest
 from pmsm_ctrl import Design, Log, identify, simulate
 from pmsm_ctrl.identify.notices import BOUND, beyond_error
 from pmsm_ctrl.log import Provenance
+from pmsm_ctrl.regression.base_problem import _left_by_curves
+from pmsm_ctrl.regression.inverse_dynamics import Column
 from pmsm_ctrl.section import Notice
 from tests.effort import seeds
 
@@ -110,3 +114,16 @@ def test_a_bound_within_its_error_is_no_doubt_of_the_model() -> None:
     said = BOUND(name="F_v", value=-1e-5, stderr=1e-5, unit="N m s/rad", bound=0.0)
     assert not beyond_error(said)
     assert beyond_error(BOUND(name="F_v", value=-1e-4, stderr=1e-5, unit="N m s/rad", bound=0.0))
+
+
+def test_a_parameter_of_an_own_effect_with_the_name_of_the_viscous_friction_stays_in_the_model() -> None:
+    """And where the dry friction stays as stated there is no curve that would fall towards it."""
+    speed = np.linspace(-10.0, 10.0, 41)
+    own = Column("F_v#2", speed**3, "", 0.0, symbol="F_v")
+    dry, viscous = Column("F_c", np.sign(speed), "", 0.0, symbol="F_c"), Column("F_v", speed, "", 0.0, symbol="F_v")
+    record = SimpleNamespace(weight=np.ones((1, 41)), mask=np.ones(41, dtype=bool))
+    problem: Any = SimpleNamespace(columns=(dry, viscous, own), omega=speed, target=2.0 * speed**3 + np.sign(speed))
+    found: Any = SimpleNamespace(record=record, problem=problem)
+    assert _left_by_curves(found) == pytest.approx(0.0, abs=1e-9)
+    problem.columns = (viscous, own)
+    assert _left_by_curves(found) == np.inf
