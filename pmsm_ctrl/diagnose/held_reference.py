@@ -41,6 +41,8 @@ def inertia_doubted(fit: Fitted, off: float, tolerance: float, policy: Policy) -
     record = fit.record
     if doubt := negative_friction(fit, policy):
         return doubt
+    if record.in_step:
+        return f"outside its tolerance, but the {record.drive} was sampled in step with a held reference: not sure"
     in_step = math.pi * default_cutoff(record.prepared.rate) * record.period
     if not record.sampling_stated and abs(off) - tolerance <= in_step:
         return f"outside its tolerance, but a {record.drive} sampled in step with a held reference shows the same"
@@ -90,7 +92,8 @@ def shows_in_inertia(fit: Fitted, policy: Policy) -> bool:
     """Whether the inertia is surely off its tolerance, and a torque in step with a held reference explains that.
 
     The current that such a log holds is too large or too small by a share of the acceleration, and so is what the
-    voltages hold of it: what they show in proportion to the current's sign or size is no effect of its own.
+    voltages hold of it: what they show in proportion to the current's sign or size is no effect of its own. Nor is
+    what the torque itself shows so, where the reference was held for certain.
 
     Parameters
     ----------

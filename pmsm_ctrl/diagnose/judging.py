@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -36,10 +37,11 @@ from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.shapes import sizes_in_shape
 from pmsm_ctrl.diagnose.where_seen import where_seen
 from pmsm_ctrl.evidence.tests import f_tail
+from pmsm_ctrl.regression.base_fit import reads_torque
 from pmsm_ctrl.regression.bounds import bounded, column_bounds
-from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, filter_behind
+from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, SURE, filter_behind
 from pmsm_ctrl.regression.lateness import lateness
-from pmsm_ctrl.regression.model import Solved
+from pmsm_ctrl.regression.model import MOST_NOISE, Solved, noise_share
 
 __all__ = [
     "Evidence", "judge_holdout", "judge_refit", "judge_sampling", "judge_size", "judge_trial", "own_sampling",
@@ -164,6 +166,8 @@ def judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> 
     policy : Policy
     """
     memory = trial.candidate.effect.structure.has_memory
+    if before.record.in_step and reads_torque(trial.candidate.effect) and shows_in_inertia(before, policy):
+        return Refusal(Reason.IN_STEP, {"what": "the inertia is"})
     beside = before if memory else after.without_last() or before
     old, new = plain_errors(beside), plain_errors(after)
     noise = dict(zip(after.record.channels, after.weights.sigma.tolist(), strict=True))
@@ -180,7 +184,7 @@ def judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> 
     elif refusal is None and trial.candidate.effect.enters == "voltage":
         voltages = [name for name in new if name != "torque"]
         if returned > policy.returned and shows_in_inertia(before, policy):
-            return Refusal(Reason.IN_STEP)
+            return Refusal(Reason.IN_STEP, {"what": "the winding without it and the inertia are"})
         refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, noise, policy)
     elif refusal is None and [row for row, _ in trial.group.entering] == [0]:
         # what shows in a voltage as well may change the torque's error by chance: its balances were judged together
@@ -234,7 +238,8 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
     own = columns[-len(trial.values) :] if after.position(len(after.accepted) - 1) is not None else ()
     amplitudes = {model.names[k]: (float(inside.values[k]), stderr[k]) for k in own}
     tried = max(trial.candidate.searched, 1) * len(before.trials)
-    refusal = criteria.determined(amplitudes, tried, _ran_out(last), policy) or judge_sampling(after, policy)
+    refusal = criteria.determined(amplitudes, tried, _ran_out(last), policy)
+    refusal = refusal or judge_sampling(after, policy) or _judge_noise(after)
     beyond = outside(after.plain, base)
     if refusal is not None or beyond is None:
         return refusal
@@ -310,3 +315,21 @@ def judge_sampling(after: Fitted, policy: Policy) -> Refusal | None:
     spread = float(after.plain.values[k]), float(after.plain.stderr[k])
     filtered = filter_behind(value, spread, after.record.sampling) is not None
     return Refusal(Reason.LIKE_FILTER, {"value": 1e3 * value}) if filtered else None
+
+
+def _judge_noise(after: Fitted) -> Refusal | None:
+    """Return that what a spring explains is noise of the acceleration.
+
+    Least squares make the inertia small where the acceleration is noise. Where the inertia is held, a spread of the
+    drive signal does so at high frequencies, and a load on a spring undoes it where the motion is.
+    """
+    model, record, last = after.model, after.record, after.accepted[-1]
+    if last.effect.structure.resonance(last.shape) is None or SPREAD not in model.names:
+        return None
+    if noise_share(record, record.acceleration(), record.shaft_noise()) < MOST_NOISE:
+        return None
+    k = model.names.index(SPREAD)
+    spread, stderr = float(after.plain.values[k]), float(after.plain.stderr[k])
+    if spread < SURE * (float(model.sigma[k]) + stderr):
+        return None
+    return Refusal(Reason.LIKE_NOISE, {"spread": 1e3 * math.sqrt(2.0 * spread)})

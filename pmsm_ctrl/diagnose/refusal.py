@@ -38,6 +38,7 @@ class Reason(StrEnum):
     NOT_DETERMINED = "not_determined"
     WITHIN_SAMPLING = "within_sampling"
     LIKE_FILTER = "like_filter"
+    LIKE_NOISE = "like_noise"
     LIKE_COMMAND = "like_command"
     OTHER_BAND = "other_band"
     OTHER_ABOVE = "other_above"
@@ -70,8 +71,8 @@ WORDS: Mapping[Reason, str] = {
     "turn or presliding (cross-validation gain beside them {gain})",
     Reason.LIKE_RIPPLE: "not distinguishable from the reluctance torque of a current ripple ({percent:.0f} % of it): "
     "instants of i_d and i_q in the log, stated as such, would tell",
-    Reason.IN_STEP: "not distinguishable from currents and voltages sampled in step with a held reference: the winding "
-    "without it and the inertia are both outside their tolerance, as such a log shows them",
+    Reason.IN_STEP: "not distinguishable from currents and voltages sampled in step with a held reference: {what} "
+    "outside the tolerance, as such a log shows it",
     Reason.ONE_WAY: "not distinguishable from dry and viscous friction: the axis goes {percent:.2g} % of its way back; "
     "motion in both directions would tell",
     Reason.ONE_SPEED: "seen at one speed only, about {speed:.2g} rad/s for {turns:.1f} turns: not distinguishable from "
@@ -90,6 +91,8 @@ WORDS: Mapping[Reason, str] = {
     "{high:.2g} ms are possible",
     Reason.LIKE_FILTER: "not distinguishable from a filter that makes the drive signal {value:.2g} ms late; state "
     "which it is as filter or late in [log]",
+    Reason.LIKE_NOISE: "not distinguishable from noise of the acceleration: beside it the drive signal would be spread "
+    "over {spread:.2g} ms, more than sampling does; a finer encoder or a faster motion would tell",
     Reason.LIKE_COMMAND: "not distinguishable from what a slow current loop makes of a command beside a delay",
     Reason.OTHER_BAND: "rejected: of another size in half the band, {percent:.0f} % of that in the whole",
     Reason.OTHER_ABOVE: "rejected: of another size above the band, {percent:.0f} % of that in it",

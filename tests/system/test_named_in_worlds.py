@@ -379,7 +379,7 @@ def test_the_filter_of_a_log_in_which_a_gap_is_named_is_found() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "why"), [(1250082, "held reference"), slow(1250053, "F_v would be negative")])
+@pytest.mark.parametrize(("seed", "why"), [(1250082, "held reference"), slow(1250053, "was sampled in step")])
 def test_an_inertia_is_not_flagged_where_a_sampling_in_step_with_the_reference_does_the_same(
     seed: int, why: str
 ) -> None:

@@ -16,11 +16,12 @@ from pmsm_ctrl.diagnose.policy import POLICY
 from tests.unit.plausibility.drives import K_T, J, R, believed
 
 
-def fit(rate: float = 1000.0, stated: bool = False, design: Design | None = None) -> Any:
+def fit(rate: float = 1000.0, stated: bool = False, design: Design | None = None, in_step: bool = False) -> Any:
     prepared = SimpleNamespace(rate=rate)
     record = SimpleNamespace(
-        sampling_stated=stated, prepared=prepared, period=1.0 / rate, drive="torque", design=design or believed()
-    )
+        sampling_stated=stated, prepared=prepared, period=1.0 / rate, drive="torque", design=design or believed(),
+        in_step=in_step,
+    )  # fmt: skip
     nothing = SimpleNamespace(held={})
     return SimpleNamespace(record=record, estimate=nothing, model=SimpleNamespace(names=()), plain=None)
 
@@ -30,6 +31,11 @@ def test_an_inertia_is_doubted_as_far_as_sampling_explains_it(off: float, doubte
     """Beyond a tolerance of 10 %: pi times 40 Hz times 1 ms are 12.6 %."""
     assert ("in step with a held reference" in inertia_doubted(fit(), off, 0.1, POLICY)) == doubted
     assert inertia_doubted(fit(stated=True), off, 0.1, POLICY) == ""
+
+
+@pytest.mark.parametrize("off", [-0.95, 3.0])
+def test_an_inertia_of_any_size_is_doubted_where_the_torque_was_sampled_in_step(off: float) -> None:
+    assert "was sampled in step" in inertia_doubted(fit(in_step=True), off, 0.1, POLICY)
 
 
 @pytest.mark.parametrize(("share", "doubted"), [(0.9, True), (1.1, False), (-3.0, False)])
