@@ -263,7 +263,7 @@ def test_a_noise_floor_is_no_more_than_the_error(floor: float, said: float) -> N
 
 def test_every_record_keeps_its_torque_error_in_the_brief_text(seed_motor: Design) -> None:
     """Of three logs and two held-out ones the errors were cut off, and the JSON held the first held-out log alone."""
-    motion = scenario("reversal", seed_motor, cycles=2.0)
+    motion = scenario("reversal", seed_motor, cycles=1.0)
     logs = [simulate(seed_motor, motion, seed=seed) for seed in range(13)]
     result = compare(seed_motor, logs[:11], holdout=logs[11:])
     brief = result.summary(brief=True)

@@ -15,6 +15,7 @@ from pmsm_ctrl.diagnose.measures import with_rivals
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.effects.structures.bristle import SHARES_OF_REACH
 from pmsm_ctrl.simulate import scenario, simulate
+from tests.effort import slow
 
 PERIOD, SPEED, REACH = 1e-3, 2.0, 0.05  # s, rad/s, rad
 SHAPE = {"z_s": REACH, "z_b": 0.5, "tau_z": 0.0}
@@ -45,7 +46,7 @@ def test_the_least_deflection_is_some_steps_of_the_encoder(step: float, travel: 
     assert np.all(np.diff(np.log(deflections)) < np.log(1.31))
 
 
-@pytest.mark.parametrize(("speed", "z_s"), [(5.0, 1e-4), (2.0, 5e-5)])
+@pytest.mark.parametrize(("speed", "z_s"), [(5.0, 1e-4), slow(2.0, 5e-5)])
 def test_a_bearing_that_rolls_is_a_presliding(designs: Path, speed: float, z_s: float) -> None:
     """A deflection below the search was a friction that rises, or refused at the bound of the search."""
     fine = Design.read(designs / "seed_motor.toml").replace(sensor={"encoder_counts": 2**23})

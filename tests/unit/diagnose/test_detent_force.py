@@ -72,7 +72,7 @@ def test_it_is_named_where_most_of_the_motion_is_too_fast_for_it(period: float, 
 
 
 @pytest.mark.parametrize(("effect", "values"), [
-    ("current_offset", {"o_alpha": 0.05, "o_beta": -0.03}), ("current_gain", {"g_c": 0.03, "g_s": 0.01}),
+    ("current_offset", {"o_alpha": 0.05, "o_beta": -0.03}), slow("current_gain", {"g_c": 0.03, "g_s": 0.01}),
     ("dead_time", {"dU": 6.0, "i_0": 0.05}),
 ])  # fmt: skip
 def test_errors_of_current_and_voltage_are_found_on_a_linear_motor(effect: str, values: dict[str, float]) -> None:

@@ -8,7 +8,7 @@ import pytest
 from pmsm_ctrl import Design, Log, compare, diagnose
 from tests.benchmarks.worlds.hidden import hidden_log
 from tests.benchmarks.worlds.world import draw
-from tests.effort import seeds
+from tests.effort import seeds, slow
 
 RATIO, J, F_C, F_V = 20.0, 2e-4, 0.12, 8e-4
 DESIGN = Design.from_dict(
@@ -47,7 +47,7 @@ def arm(seed: int, turns: float, gravity: float, seconds: float = 24.0, rate: fl
     )
 
 
-@pytest.mark.parametrize("turns", [0.6, 1.6, 6.0])
+@pytest.mark.parametrize("turns", [0.6, slow(1.6), 6.0])
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_it_is_named_with_its_size_and_the_ratio_of_the_gear(turns: float, seed: int) -> None:
     """The answer was that most of the torque depends on no coordinate, and `compare` took all of it for noise."""
@@ -80,7 +80,7 @@ def test_unbalance_of_the_motor_is_none_behind_a_gear(seed: int) -> None:
     assert [step.effect for step in diagnose(DESIGN, log, plan=False).steps] == ["unbalance"]
 
 
-@pytest.mark.parametrize("zero", [0.0, 50.0])
+@pytest.mark.parametrize("zero", [slow(0.0), 50.0])
 @pytest.mark.parametrize("seed", seeds(9, 11))
 def test_two_records_keep_the_turns_between_their_positions(seed: int, zero: float) -> None:
     """The second record was shifted by whole turns of the motor, which are no turns of the load."""

@@ -11,7 +11,7 @@ from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.track import track
-from tests.effort import seeds
+from tests.effort import seeds, slow
 from tests.unit.several import DESIGN, F_C, F_V, J, record, records
 
 OWN = [{"dF_c": 0.002, "offset": 0.002}, {"dF_c": -0.002, "offset": -0.001}, {"offset": -0.002}, {"dF_c": 0.001}]
@@ -86,7 +86,7 @@ def test_a_held_out_record_may_have_another_zero() -> None:
         )
 
 
-@pytest.mark.parametrize("zeros", [(0.0, 0.1), (0.0, 0.1, 0.2)])
+@pytest.mark.parametrize("zeros", [slow((0.0, 0.1)), (0.0, 0.1, 0.2)])
 def test_the_written_design_is_compared_with_the_same_zeros(zeros: tuple[float, ...]) -> None:
     """A wave that is fitted to all records alike hides their zeros, and what they leave of it is none."""
     logs = records([{"zero": zero} for zero in zeros], wave=0.008)

@@ -17,7 +17,7 @@ from pmsm_ctrl.identify.open_loop import open_loop
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.simulate import scenario, simulate
-from tests.effort import seeds
+from tests.effort import seeds, slow
 
 TRUE = {"J": 9e-5, "F_c": 0.0213, "F_v": 0.000168}
 
@@ -128,7 +128,7 @@ def moved_by_noise(seed: int, rms: float) -> Log:
 
 
 @pytest.mark.parametrize("seed", seeds(10, 30, 50))
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [1, slow(2)])
 def test_noise_that_moves_the_axis_does_not_bias_the_inertia(seed: int, count: int) -> None:
     """Of one log and of several: least squares is off by many standard errors, always to the same side."""
     axis = Design.from_dict({"name": "made", "motor": {"J": 1.1e-4, "K_t": 1.0}})
