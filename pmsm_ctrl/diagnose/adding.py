@@ -9,6 +9,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.addition import Addition
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.diagnosis import condition
+from pmsm_ctrl.diagnose.driven import driven_one_way
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design
 from pmsm_ctrl.diagnose.fitted_design import base_parameters, fitted_design, fitted_parameters
 from pmsm_ctrl.diagnose.late import with_its_delay
@@ -105,6 +106,7 @@ def added(
         case = with_its_delay(case) or case
     if effect in FRICTION:
         case = replace(case, design=design)  # it is to be added, not part of the base model
+    case = driven_one_way(case)
     advance(0.2)
     fit = case.fit(())
     advance(0.4)

@@ -17,7 +17,9 @@ from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.drive_timing import AGE, LATENESS
 from pmsm_ctrl.regression.model import ALIGNED, ALIGNMENT, LOAD_SCALE
-from pmsm_ctrl.regression.notices import AS_STATED
+from pmsm_ctrl.regression.notices import AS_STATED, ONE_DIRECTION
+from pmsm_ctrl.regression.one_way import goes_one_way
+from pmsm_ctrl.regression.timed_record import FRICTION
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -195,6 +197,8 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
             yield notices.TORQUE_CONSTANT(nominal=d.nominal, percent=percent, estimate=d.estimate, other=other)
     if held := [name for k, name in enumerate(fit.model.names) if fit.model.as_stated(k)]:
         yield AS_STATED(parameters=", ".join(held))
+    elif FRICTION["coulomb"] in fit.model.names and goes_one_way(fit.record):
+        yield ONE_DIRECTION()
     yield from _commutation(fit, policy)
     if fit.record.age is None:
         return

@@ -35,11 +35,12 @@ from pmsm_ctrl.diagnose.bands import unlike_in_half
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
 from pmsm_ctrl.diagnose.candidates import offered_effects
 from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.driven import driven_one_way
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.final_fit import finally_fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.held_out import same_as_log
-from pmsm_ctrl.diagnose.in_step import as_in_step, sampled_in_step
+from pmsm_ctrl.diagnose.in_step import as_found, sampled_in_step
 from pmsm_ctrl.diagnose.late import begun_late, better_late, not_ahead, with_its_delay
 from pmsm_ctrl.diagnose.measures import order_of
 from pmsm_ctrl.diagnose.notices import of_calibration
@@ -185,6 +186,7 @@ def _answer(case: Case, plan: bool, progress: Progress) -> tuple[Case, Diagnosis
     """Accept effects, swap those that another one explains better, and add what they do not explain."""
     if case.believed is not None and case.believed.contradictions:
         return case, outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
+    case = driven_one_way(case)
     found = searched(without_what_happened_once(case), plan, progress)
     for _ in range(LEADS):
         if (later := not_ahead(found)) is None:
@@ -415,7 +417,7 @@ def condition(
         believed, made = late, Made.kept(late.log)
         record = timed_record(whole, believed.log, made, band)
     made.forget_models(record)
-    record = record if first is None else as_in_step(record, first.record)
+    record = record if first is None else as_found(record, first.record)
     if shown is not None:
         record = for_design(record, whole)
         if first is not None and not anew and (record.cutoff, record.timing, record.age) == (

@@ -9,11 +9,11 @@ from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.base_fit import torque_left
 from pmsm_ctrl.regression.filter_profile import LOWERED
-from pmsm_ctrl.regression.notices import SAMPLED_IN_STEP
+from pmsm_ctrl.regression.notices import DRIVEN_ONE_WAY, SAMPLED_IN_STEP
 from pmsm_ctrl.regression.sampling_terms import in_step
 from pmsm_ctrl.regression.timed_record import FRICTION
 
-__all__ = ["as_in_step", "sampled_in_step"]
+__all__ = ["as_found", "sampled_in_step"]
 
 
 def sampled_in_step(case: Case, fit: Fitted) -> Case | None:
@@ -39,14 +39,16 @@ def sampled_in_step(case: Case, fit: Fitted) -> Case | None:
     return replace(case, record=record, holdouts=others, fits=[], bands={})
 
 
-def as_in_step(record: Record, like: Record) -> Record:
-    """Return a record that was conditioned again as one that was sampled in step, where the first one was.
+def as_found(record: Record, like: Record) -> Record:
+    """Return a record that was conditioned again as one sampled in step, or driven one way, where the first one was.
 
     Parameters
     ----------
     record, like : Record
     """
-    if not like.in_step or record.in_step:
+    if (record.in_step, record.driven) == (like.in_step, like.driven):
         return record
-    said = (note for note in like.notes if note.code == SAMPLED_IN_STEP.code)
-    return replace(record, in_step=True, notes=(*record.notes, *said), memo={}, kept={})
+    found = {SAMPLED_IN_STEP.code, DRIVEN_ONE_WAY.code} - {note.code for note in record.notes}
+    notes = (*record.notes, *(note for note in like.notes if note.code in found))
+    in_step, driven = record.in_step or like.in_step, record.driven or like.driven
+    return replace(record, in_step=in_step, driven=driven, notes=notes, memo={}, kept={})

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
-from pmsm_ctrl.regression.direction import share_back
+from pmsm_ctrl.regression.one_way import share_gone_back
 
 __all__ = ["where_seen"]
 
@@ -57,9 +57,12 @@ def _fall(before: Fitted, after: Fitted) -> Array:
 def _one_way(after: Fitted, policy: Policy) -> Refusal | None:
     """Return that the axis runs one way, where a load is a friction, and where a bristle bends at starts alone.
 
-    What little it goes back it goes at its stops, and how far a bristle is bent at rest nobody knows.
+    What little it goes back it goes at its stops, and how far a bristle is bent at rest nobody knows. Friction drives
+    no axis: where something does, it is a load.
     """
-    back = share_back(after.record.at_grid(after.record.signals["omega"]))
+    if after.record.driven and not after.accepted[-1].effect.structure.has_memory:
+        return None
+    back = share_gone_back(after.record)
     return Refusal(Reason.ONE_WAY, {"percent": 100.0 * back}) if back < policy.own_share else None
 
 

@@ -9,7 +9,7 @@ __all__ = [
     "BETWEEN_SAMPLES", "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT",
     "EFFECTIVE_BY_DELAY", "EFFECTIVE_BY_FLOOR", "EFFECTIVE_VALUES", "FEW_DEGREES_OF_FREEDOM", "ILL_CONDITIONED",
     "INERTIA_BY_INSTRUMENTS", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF", "INERTIA_OVER_CUTOFF", "LARGE_ERROR",
-    "MISFIT", "NEGATIVE", "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "OPEN_LOOP", "REPLAYED_CURRENT",
+    "MISFIT", "NEGATIVE", "NOT_BIASED", "NOT_CONVERGED", "OPEN_LOOP", "REPLAYED_CURRENT",
     "UNSETTLED", "WRONG_LOOPS", "beyond_error", "not_identifiable",
 ]  # fmt: skip
 
@@ -125,7 +125,6 @@ MISFIT = Template(
 NEGATIVE = Template(
     "negative_friction", "{symbol} = {value:.3g} {unit} is negative: it is held at 0, and the line is fitted with that"
 )
-ONE_DIRECTION = Template("one_direction", "only one direction: a constant load is indistinguishable from F_c")
 DIRECTION_DEPENDENT = Template(
     "direction_dependent", "{symbol} differs by direction: {positive:.4g} and {negative:.4g} {unit}"
 )

@@ -20,6 +20,7 @@ from pmsm_ctrl.identify.plateaus import Plateau, find_plateaus
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.least_squares import t_quantile
 from pmsm_ctrl.regression.measurement_correction import left_in
+from pmsm_ctrl.regression.notices import ONE_DIRECTION
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -332,7 +333,7 @@ def _doubts(lines: dict[str, Line], error: float) -> list[Notice]:
     if joint.rejected and error > policy.MISFIT_SHARE:
         doubts.append(words.MISFIT(ratio=joint.misfit, percent=100.0 * error))
     if len(lines) < 3:
-        return [*doubts, words.ONE_DIRECTION()]
+        return [*doubts, ONE_DIRECTION()]
     positive, negative = lines["positive"], lines["negative"]
     for symbol in ("F_c", "F_v"):
         a, b = getattr(positive, symbol), getattr(negative, symbol)

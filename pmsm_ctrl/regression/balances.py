@@ -122,8 +122,7 @@ class Record:
     timing : DriveTiming
         The corrected part of the drive signal's sampling.
     sampling : float
-        Largest possible delay of the drive signal behind the position by sampling, s: one period of the log, or of the
-        speed loop, whose steps are always sampled at the same place.
+        Largest possible delay of the drive signal behind the position, s: a period of the log, or of the speed loop.
     early : float
         Largest possible lead, s: a torque or current may be the command, which a current loop follows later.
     sampling_stated : bool
@@ -131,8 +130,9 @@ class Record:
     commanded : bool
         Whether the drive signal is a command, by what the design states or the log shows.
     in_step : bool
-        Whether the drive signal holds a part in proportion to the speed that no friction makes: it was sampled in step
-        with a position reference that is held.
+        Whether it was sampled in step with a position reference that is held: a part of it falls with the speed.
+    driven : bool
+        Whether the axis goes one way, driven by a load: its dry friction is what the design states.
     unseen : float
         Time in gaps of the log, s.
     turning : float
@@ -186,6 +186,7 @@ class Record:
     sampling_stated: bool = False
     commanded: bool = False
     in_step: bool = False
+    driven: bool = False
     unseen: float = 0.0
     turning: float = 0.0
     found: float = 0.0

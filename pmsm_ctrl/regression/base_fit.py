@@ -336,12 +336,19 @@ def _with_twins_held(record: Record, model: Model) -> Model:
     size = np.linalg.norm(columns, axis=0)
     beside = np.abs(np.diag(np.linalg.qr(columns / np.where(size > 0.0, size, 1.0), mode="r")))
     twins = [k for k, share in zip(own, beside.tolist(), strict=False) if k in stated and share < TWIN]
+    if record.driven:
+        twins += [k for k in stated if k in own and _is_dry(model.group_of(k).effect)]
     if not twins:
         return model
     sigma, torque = model.sigma.copy(), float(np.linalg.norm(record.target[0] * record.weight[0] * record.mask))
     for k in twins:
         sigma[k] = FIXED * (abs(model.nominal[k]) or torque / max(float(size[own.index(k)]), 1e-300))
     return replace(model, sigma=sigma)
+
+
+def _is_dry(effect: Effect | None) -> bool:
+    """Whether an effect is friction whose size hangs on nothing."""
+    return effect is not None and effect.signals == ("direction",)
 
 
 def laid_out_again(design: Design, record: Record, model: Model, accepted: Iterable[Accepted] = ()) -> Model:

@@ -25,7 +25,8 @@ from pmsm_ctrl.regression.filter_profile import LOWERED
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
 from pmsm_ctrl.regression.model import FIXED
-from pmsm_ctrl.regression.notices import AS_STATED, NO_REGRESSION
+from pmsm_ctrl.regression.notices import AS_STATED, NO_REGRESSION, ONE_DIRECTION
+from pmsm_ctrl.regression.one_way import goes_one_way
 from pmsm_ctrl.regression.sampling_terms import in_step
 from pmsm_ctrl.regression.timed_record import FRICTION, as_possible_command, timed_record
 from pmsm_ctrl.units import axis_unit
@@ -144,8 +145,15 @@ def _problem(design: Design, found: Settled) -> Problem:
             *record.notes,
             *(NO_REGRESSION(effect=name) for name in stateful),
             *(AS_STATED(parameters=model.names[k]) for k in shares),
+            *([ONE_DIRECTION()] if _holds_load(found, entering) else []),
         ),
     )
+
+
+def _holds_load(found: Settled, entering: list[int]) -> bool:
+    """Whether the dry friction of an axis that goes one way is the sum of it and of any constant load."""
+    free = [found.model.names[k] for k in entering if not found.model.as_stated(k)]
+    return FRICTION["coulomb"] in free and goes_one_way(found.record)
 
 
 def _identified(group: Group) -> bool:

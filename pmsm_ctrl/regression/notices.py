@@ -12,6 +12,7 @@ __all__ = [
     "CHANNEL_LEFT_OUT",
     "COARSE_ANGLE",
     "DEAD_VOLTAGES",
+    "DRIVEN_ONE_WAY",
     "DRIVE_AHEAD",
     "DRIVE_COMMANDED",
     "DRIVE_FILTERED",
@@ -22,6 +23,7 @@ __all__ = [
     "LONG_LOG",
     "MEASUREMENT_EFFECT_LEFT_IN",
     "NO_REGRESSION",
+    "ONE_DIRECTION",
     "ORDERS_BEYOND_BAND",
     "OTHER_ZERO",
     "RECORD_DISAGREES",
@@ -116,6 +118,16 @@ SAMPLED_IN_STEP = Template(
     "the {quantity} falls with the speed by {slope:.2g} {unit}, as no friction does: taken for a {quantity} that was "
     "sampled in step with a position reference that is held; this log does not tell {parameter}, and one of a higher "
     "rate or of means over its period does",
+)
+DRIVEN_ONE_WAY = Template(
+    "driven_one_way",
+    "the axis goes one way and is driven by a load: {parameter}, which the log does not tell from a constant load, is "
+    "kept as the design states it; a log of both directions tells both",
+)
+ONE_DIRECTION = Template(
+    "one_direction",
+    "only one direction: F_c is the sum of the dry friction and any constant load, which a log of both directions "
+    "tells apart",
 )
 MEASUREMENT_EFFECT_LEFT_IN = Template(
     "measurement_effect_left_in", "{effect} is not corrected: the log lacks a channel that its term needs"

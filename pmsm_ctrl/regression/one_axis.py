@@ -92,7 +92,7 @@ def sampled_alike(design: Design, log: Log, processing: Processing, like: Record
     like : Record
     """
     record = make_record(design, log, processing, like.age_elsewhere, like.timing)
-    return replace(record, commanded=like.commanded, in_step=like.in_step)
+    return replace(record, commanded=like.commanded, in_step=like.in_step, driven=like.driven)
 
 
 def zero_of_design(design: Design, record: Record) -> tuple[float, float] | None:

@@ -19,15 +19,15 @@ RATE = 100.0  # Hz of the grid
 
 def fits(
     effect: str, speeds: list[float], falls: list[float], seconds: float, linear: bool = False,
-    alpha: float = 0.0, shape: Mapping[str, float] = MappingProxyType({}), turning: float = 0.0,
+    alpha: float = 0.0, shape: Mapping[str, float] = MappingProxyType({}), turning: float = 0.0, driven: bool = False,
 ) -> tuple[Any, Any]:  # fmt: skip
     """Return two fits of stretches at these speeds; the effect explains this share of the residual in each."""
     n = round(seconds * RATE)
     omega, share = np.repeat(speeds, n), np.repeat(falls, n)
     left = np.random.default_rng(4).normal(size=omega.size)
     record = SimpleNamespace(
-        mask=np.ones(omega.size), weight=np.ones((1, omega.size)), rate=RATE, cutoff=40.0, linear=linear,
-        turning=turning,
+        mask=np.ones(omega.size, dtype=bool), weight=np.ones((1, omega.size)), rate=RATE, cutoff=40.0, linear=linear,
+        turning=turning, driven=driven,
         signals={"omega": omega, "alpha": np.where(omega > 0.0, 0.0, alpha)}, at_grid=lambda values: values,
     )  # fmt: skip
     before = SimpleNamespace(record=record, residual=left[None])
@@ -53,6 +53,13 @@ def test_at_two_speeds_it_is_one() -> None:
 def test_in_ten_turns_a_whole_order_is_no_chance(seconds: float, reason: Reason | None) -> None:
     """At 6 rad/s ten turns take 10.5 s."""
     assert refused("cogging", [6.0, 30.0], [0.4, 0.0], seconds) is reason
+
+
+def test_what_drives_an_axis_one_way_is_a_load_and_no_bristle() -> None:
+    """Friction drives nothing."""
+    for driven, reason in ((False, Reason.ONE_WAY), (True, None)):
+        assert refused("constant_load", [0.5, 3.0], [0.4, 0.4], 2.0, driven=driven) is reason
+    assert refused("presliding", [0.5, 3.0], [0.4, 0.4], 2.0, driven=True) is Reason.ONE_WAY
 
 
 def test_effects_of_a_known_order_and_linear_axes_are_not_asked() -> None:
