@@ -47,7 +47,7 @@ def test_a_load_that_drives_an_axis_one_way_has_its_name_and_its_size(design: De
     assert "driven_one_way" in [notice.code for notice in found.notices]
     assert dry_of(found.design) == F_C  # as stated
     assert compare(found.design, log).log.errors["torque"].relative < 5e-3
-    added = next(one for one in add(design, log, "constant_load").design.effects if one.id == "constant_load")
+    added = next(one for one in add(design, log, "constant_load").effects if one.id == "constant_load")
     assert added.parameters["T_0"] == pytest.approx(-3.0 * F_C * side, rel=2e-3)
 
 
