@@ -52,7 +52,7 @@ from pmsm_ctrl.diagnose.other_bands import (
     rings_beyond,
     without_what_happened_once,
 )
-from pmsm_ctrl.diagnose.outcome import outcome
+from pmsm_ctrl.diagnose.outcome import outcome, strangers
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.polish import with_polish
 from pmsm_ctrl.diagnose.refusal import Reason
@@ -343,8 +343,10 @@ def finished(case: Case, found: Diagnosis, holdouts: tuple[Log, ...]) -> Diagnos
     Diagnosis
     """
     found = as_written(case, found)
+    others = strangers(found.records, found.errors["final"]["torque"]["rms"], case.policy)
     for record in (case.record, *case.holdouts):
         record.kept.clear()  # what was remembered of the log stays with no result
+    found = replace(found, notices=(*found.notices, *others))
     return replace(found, log_name=case.name, holdout_name=names_of(holdouts, "the held-out log"))
 
 

@@ -28,6 +28,7 @@ __all__ = [
     "EVENT_STEP",
     "FACTOR_OFF",
     "FRICTION_UNKNOWN",
+    "HELD_OUT_DISAGREES",
     "LARGE_REFUSED",
     "LITTLE_EXPLAINED",
     "LITTLE_KNOWN",
@@ -159,6 +160,7 @@ class Doubt(StrEnum):
     LITTLE_WEIGHT = "little_weight"
     SMALL = "small"
     AS_WELL = "as_well"
+    HELD_OUT = "held_out"
 
 
 WHY: Mapping[Doubt | None, str] = {
@@ -170,6 +172,7 @@ WHY: Mapping[Doubt | None, str] = {
     Doubt.LITTLE_WEIGHT: "what is there weighs less than what is left elsewhere, since the torque around reversals is "
     "hardly known",
     Doubt.AS_WELL: "an effect of the catalogue explains it, but the log does not tell that effect from something else",
+    Doubt.HELD_OUT: "an effect of the catalogue explains it, but raises the error on the held-out record",
     Doubt.SMALL: "it is less than {percent:.1g} % of the balance, as errors of any model are",
 }
 
@@ -192,6 +195,11 @@ SLOW_TORQUE = Template(
     "slow_torque",
     "a part of the {balance} balance, {percent:.0f} % of it, changes slowly (over more than {seconds:.2g} s) and "
     "depends on no coordinate of the axis, as a load of the process does; no effect of the catalogue explains it",
+)
+HELD_OUT_DISAGREES = Template(
+    "held_out_disagrees",
+    "{record}, which is held out, leaves {ratio:.2g} times as much of the torque as the log, with friction and a "
+    "constant torque of its own: another axis, load or state; it may refuse an effect that the log has",
 )
 WINDING_IMPOSSIBLE = Template(
     "winding_impossible",

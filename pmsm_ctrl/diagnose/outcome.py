@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -41,7 +41,7 @@ from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["errors_table", "noise_floor", "outcome"]
+__all__ = ["errors_table", "noise_floor", "outcome", "strangers"]
 
 
 def outcome(
@@ -140,6 +140,21 @@ def record_rows(case: Case, first: Fitted, last: Fitted) -> tuple[RecordResult, 
             )
         )  # fmt: skip
     return tuple(rows)
+
+
+def strangers(rows: Sequence[RecordResult], rms: float, policy: Policy) -> tuple[Notice, ...]:
+    """Return which held-out records are not described by a model that describes the fitted ones.
+
+    Parameters
+    ----------
+    rows : sequence of RecordResult
+    rms : float
+        What the model leaves of the torque of the fitted records, N m (N).
+    policy : Policy
+    """
+    ratios = ((row.name, row.level_after["torque"]["rms"] / max(rms, 1e-300)) for row in rows if row.held_out)
+    found = (one for one in ratios if one[1] > policy.implausible_factor)
+    return tuple(notices.HELD_OUT_DISAGREES(record=name, ratio=ratio) for name, ratio in found)
 
 
 def _without_false_lines(notes: Iterable[Notice], final: Fitted, policy: Policy) -> Iterator[Notice]:

@@ -40,7 +40,7 @@ Mask = NDArray[np.bool_]
 
 RESEMBLING = (Reason.NOT_CONFIRMED, Reason.MINOR)  # refusals of an effect that something missing can resemble
 # Refusals of an effect that a log does not tell from something else.
-AS_WELL = (Reason.LIKE_RIPPLE, Reason.ONE_WAY, Reason.ONE_SPEED, Reason.IN_PASSING)
+AS_WELL = frozenset({Reason.LIKE_RIPPLE, Reason.ONE_WAY, Reason.ONE_SPEED, Reason.IN_PASSING})
 FEWEST_SAMPLES = 100  # of a balance that is judged
 FEWEST = 4  # samples whose mean is drawn, and reversals that can repeat each other
 HALF = 0.5  # of the samples around a reversal have to take part
@@ -81,7 +81,7 @@ def dependence(selection: Selection, policy: Policy = POLICY) -> Structure | Non
     if found is None:
         return None
     (one, name), record = found, fit.record
-    doubt = Doubt.AS_WELL if _explained_as_well(selection, policy) else None
+    doubt = _explained_by_refused(selection, policy)
     if doubt is None and _strongest(beside_path(fit), policy) is None:
         doubt = Doubt.DRIVE_PATH
     coordinate = coordinate_words(one)
@@ -94,13 +94,17 @@ def dependence(selection: Selection, policy: Policy = POLICY) -> Structure | Non
     return Structure(coordinate, one.unit, name, one.added, one.p_value, curve, notice, confirmed=doubt is None)
 
 
-def _explained_as_well(selection: Selection, policy: Policy) -> bool:
-    """Whether most of the residual is an effect of the catalogue, which the log does not tell from something else."""
+def _explained_by_refused(selection: Selection, policy: Policy) -> Doubt | None:
+    """Return why an effect of the catalogue that is most of the residual was refused, where that says little of it."""
     refused = ((trial, selection.refused.get(name_of(trial))) for trial in selection.fit.trials)
-    return any(
-        refusal is not None and refusal.reason in AS_WELL and _share(selection.fit, trial) > policy.left_inside
+    reasons = {
+        refusal.reason
         for trial, refusal in refused
-    )
+        if refusal is not None and _share(selection.fit, trial) > policy.left_inside
+    }
+    if reasons & AS_WELL:
+        return Doubt.AS_WELL
+    return Doubt.HELD_OUT if Reason.HOLDOUT_WORSE in reasons else None
 
 
 def beside_path(fit: Fitted) -> Fitted:

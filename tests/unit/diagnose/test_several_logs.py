@@ -86,6 +86,22 @@ def test_a_held_out_record_may_have_another_zero() -> None:
         )
 
 
+def test_an_effect_that_the_held_out_record_refuses_is_no_structure_without_a_name() -> None:
+    """The log was said to have a structure that no effect of the catalogue explains."""
+    found = diagnose(DESIGN, record(1, wave=0.008), holdout=record(2), candidates=FEW, plan=False)
+    assert found.steps == ()
+    assert found.verdict == "inconclusive"
+    assert "raises the error on the held-out record" in found.reasons[0].text
+
+
+@pytest.mark.parametrize(("inertia", "said"), [(J, False), (2.0 * J, True)])
+def test_a_held_out_record_of_another_axis_is_said_to_be_one(inertia: float, said: bool) -> None:
+    other = record(3, wave=0.008, dF_c=0.004, inertia=inertia)
+    found = diagnose(DESIGN, record(1, wave=0.008), holdout=other, candidates=FEW, plan=False)
+    assert [step.name for step in found.steps] == ["cogging 8"]
+    assert ["record_3.csv" in n.text for n in found.notices if n.code == "held_out_disagrees"] == [True] * said
+
+
 @pytest.mark.parametrize("zeros", [slow((0.0, 0.1)), (0.0, 0.1, 0.2)])
 def test_the_written_design_is_compared_with_the_same_zeros(zeros: tuple[float, ...]) -> None:
     """A wave that is fitted to all records alike hides their zeros, and what they leave of it is none."""
