@@ -150,6 +150,7 @@ def test_reversals_that_share_samples_count_once() -> None:
         (False, None, 0.0, None),
         (True, None, 0.0, Doubt.DRIVE_PATH),
         (False, Reason.LIKE_RIPPLE, 0.98, Doubt.AS_WELL),
+        (False, Reason.HOLDOUT_WORSE, 0.98, Doubt.HELD_OUT),
         (False, Reason.LIKE_RIPPLE, 0.3, None),
         (False, Reason.NOT_CONFIRMED, 0.98, None),
     ],
