@@ -430,15 +430,19 @@ def as_logs(logs: Logs, what: str = "log") -> tuple[Log, ...]:
     Raises
     ------
     RequestError
-        When there is none, or one of them is no log.
+        When there is none, one of them is no log, or two hold the same numbers.
     """
     if isinstance(logs, (Log, Mapping, str)) or not isinstance(logs, (Collection, Iterator)):
         require_kind(logs, Log, what)
     found = (logs,) if isinstance(logs, Log) else tuple(logs)
     if not found:
         raise RequestError(f"no {what}: at least one was expected")
+    known: dict[str, int] = {}
     for number, log in enumerate(found, start=1):
         require_kind(log, Log, f"{what} {number}")
+        if len(found) > 1 and (first := known.setdefault(log.fingerprint, number)) < number:
+            one, other = (found[k - 1].provenance.file or f"{what} {k}" for k in (number, first))
+            raise RequestError(f"{one}: the same numbers as {other}; every record was expected once")
     return found
 
 

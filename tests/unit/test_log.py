@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.errors import LogError, RequestError
-from pmsm_ctrl.log import CHANNELS, Log, Provenance, Segment
+from pmsm_ctrl.log import CHANNELS, Log, Provenance, Segment, as_logs
+from tests.unit.several import record
 
 
 def make(n: int = 10, **channels: object) -> Log:
@@ -134,3 +135,13 @@ def test_values_that_are_no_real_numbers_are_refused_with_the_channel(values: An
         Log({"t": t, "omega": values})
     with pytest.raises(LogError, match="channel 'omega': "):
         Log({"t": t}).with_channels(omega=values)
+
+
+def test_the_same_numbers_are_no_second_record() -> None:
+    """A copy made standard errors smaller."""
+    first, second = record(1), record(2)
+    copy = first.with_channels()
+    assert as_logs([first, second]) == (first, second)
+    for same in (first, copy):
+        with pytest.raises(RequestError, match=r"^record_1\.csv: the same numbers as record_1\.csv; every record"):
+            as_logs([first, second, same])
