@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from pmsm_ctrl.result import Verdict
 
 __all__ = [
-    "ComparedOption", "FailOn", "FailOnOption", "FailOnOutcome", "MaxErrorOption", "OutcomeOption", "require_accepted",
+    "ComparedOption", "FailOn", "FailOnOption", "FailOnOutcome", "MaxErrorLeftOption", "MaxErrorOption", "OutcomeOption",
+    "require_accepted",
     "require_applied",
 ]  # fmt: skip
 
@@ -98,11 +99,10 @@ OutcomeOption = Annotated[
     list[FailOnOutcome] | None,
     typer.Option("--fail-on", metavar="VERDICT", help=f"exit status 1 for {', '.join(FailOnOutcome)}; may be repeated"),
 ]
-MaxErrorOption = Annotated[
-    Any,
-    typer.Option(
-        "--max-error", metavar="SHARE", parser=_share, help="exit status 1 above this error of the torque, such as 3%"
-    ),
+ABOVE = "exit status 1 above this error of the torque, such as 3%"
+MaxErrorOption = Annotated[Any, typer.Option("--max-error", metavar="SHARE", parser=_share, help=ABOVE)]
+MaxErrorLeftOption = Annotated[
+    Any, typer.Option("--max-error", metavar="SHARE", parser=_share, help=f"{ABOVE}, left with the effects found")
 ]
 
 

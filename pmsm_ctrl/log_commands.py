@@ -14,6 +14,7 @@ from pmsm_ctrl.files import printable
 from pmsm_ctrl.gates import (
     ComparedOption,
     FailOnOption,
+    MaxErrorLeftOption,
     MaxErrorOption,
     OutcomeOption,
     require_accepted,
@@ -125,7 +126,7 @@ def diagnose(
         ),
     ] = 0,
     fail_on: FailOnOption = None,
-    max_error: MaxErrorOption = None,
+    max_error: MaxErrorLeftOption = None,
     polish: PolishOption = False,
     response: Annotated[
         Path | None,
