@@ -16,9 +16,8 @@ if TYPE_CHECKING:
     from pmsm_ctrl.result import Verdict
 
 __all__ = [
-    "ComparedOption", "FailOn", "FailOnOption", "FailOnOutcome", "MaxErrorLeftOption", "MaxErrorOption", "OutcomeOption",
-    "require_accepted",
-    "require_applied",
+    "ComparedOption", "FailOn", "FailOnOption", "FailOnOutcome", "MaxErrorLeftOption", "MaxErrorOption",
+    "OutcomeOption", "require_accepted", "require_applied",
 ]  # fmt: skip
 
 
