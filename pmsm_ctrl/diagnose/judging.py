@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
 from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.contradictions import contradicting
@@ -37,6 +39,7 @@ from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.shapes import sizes_in_shape
 from pmsm_ctrl.diagnose.where_seen import where_seen
 from pmsm_ctrl.evidence.tests import f_tail
+from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.base_fit import reads_torque
 from pmsm_ctrl.regression.bounds import bounded, column_bounds
 from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, SURE, filter_behind
@@ -238,7 +241,7 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
     own = columns[-len(trial.values) :] if after.position(len(after.accepted) - 1) is not None else ()
     amplitudes = {model.names[k]: (float(inside.values[k]), stderr[k]) for k in own}
     tried = max(trial.candidate.searched, 1) * len(before.trials)
-    refusal = criteria.determined(amplitudes, tried, _ran_out(last), policy)
+    refusal = criteria.determined(amplitudes, tried, _ran_out(last, after.record), policy)
     refusal = refusal or judge_sampling(after, policy) or _judge_noise(after)
     beyond = outside(after.plain, base)
     if refusal is not None or beyond is None:
@@ -248,11 +251,15 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
     return criteria.left_inside(share, p * tried, beyond, policy)
 
 
-def _ran_out(one: Accepted) -> bool:
+def _ran_out(one: Accepted, record: Record) -> bool:
     """Whether the shape wants to be outside of what is searched: shorter than a log can tell, or at a bound.
 
-    A wave that wants to be longer than the longest is a constant and a slope.
+    A wave that wants to be longer than the longest is a constant and a slope, and a friction that bends above the
+    highest speed is a slope.
     """
+    bends = one.effect.bends_over
+    if bends and one.shape[bends] > float(np.max(np.abs(record.at_grid(record.signals["omega"])[record.mask]))):
+        return True
     shortest = any(
         p.within_grid and len(one.grid) > 1 and one.shape[p.symbol] <= min(shape[p.symbol] for shape in one.grid)
         for p in one.effect.searched

@@ -13,6 +13,7 @@ from pmsm_ctrl.diagnose.judging import judge_sampling, judge_trial
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial
+from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.regression.drive_timing import SPREAD
 
 STRUCTURE = SimpleNamespace(has_memory=True, never_minor=lambda shape: False)
@@ -81,3 +82,17 @@ def test_a_delay_is_one_where_no_filter_can_be_it(
 ) -> None:
     refusal = judge_sampling(delayed(late, spread, stated), POLICY)
     assert (refusal and refusal.reason) is expected
+
+
+@pytest.mark.parametrize(("effect", "symbol"), [("rising_friction", "w_r"), ("stribeck", "w_s")])
+@pytest.mark.parametrize(("speed", "ran_out"), [(29.0, False), (31.0, True)])
+def test_a_friction_that_bends_above_the_highest_speed_is_a_slope(
+    effect: str, symbol: str, speed: float, ran_out: bool
+) -> None:
+    """Two clean logs of instants had a friction that rises over 2 and 3 times their highest speed, and no F_v."""
+    omega = np.array([-30.0, 10.0, 90.0])
+    record = SimpleNamespace(
+        signals={"omega": omega}, mask=np.array([True, True, False]), at_grid=lambda values: values,
+    )  # fmt: skip
+    one = SimpleNamespace(effect=CATALOGUE[effect], shape={symbol: speed, "delta": 1.0}, grid=())
+    assert judging._ran_out(one, record) is ran_out  # type: ignore[arg-type]
