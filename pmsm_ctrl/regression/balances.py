@@ -37,10 +37,11 @@ from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
 from pmsm_ctrl.regression.measurement_correction import known_delay, unscaled
 from pmsm_ctrl.regression.notices import ASSUMED_I_D, LONG_LOG, TORQUE_JUMPS
+from pmsm_ctrl.regression.reference_steps import with_swings
 from pmsm_ctrl.regression.reversals import as_sampled
 from pmsm_ctrl.regression.thinning import interpolated
 from pmsm_ctrl.regression.timing import ending_steadily, punctual, time_in_gaps
-from pmsm_ctrl.regression.weights import Weighing, at_given_rate, on_grid, quantisation_error, voltage_weights
+from pmsm_ctrl.regression.weights import Weighing, at_given_rate, quantisation_error, speed_asked, voltage_weights
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit, drives
 
@@ -404,7 +405,7 @@ def _made(
     finest, resolution = angle_steps(log)
     whole, given = in_time(design, ending_steadily(log), age or UNDELAYED), log
     log = timing.undone(thinned(whole))
-    prepared = condition(design, log, processing, as_logged=True)
+    prepared = with_swings(design, given, condition(design, log, processing, as_logged=True))
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
     signals["alpha"] = prepared.alpha
@@ -418,7 +419,7 @@ def _made(
     if "i_d" in signals:
         signals["i_d_meas"] = signals["i_d"]
         signals["i_d"] = intended_i_d(log, prepared, signals["i_d"])
-    signals |= _speed_asked(log, prepared)
+    signals |= speed_asked(log, prepared)
     add_slopes(signals, prepared, raw)
     driving = signals["torque"] - (load := signals.get("T_load", np.zeros_like(prepared.t)))
     smooth, fast = (torque - load for torque in acting_torques(design, log, prepared, timing.reversals))
@@ -465,14 +466,6 @@ def _sampled(design: Design, log: Log, timing: DriveTiming) -> dict[str, Any]:
     stated = drive_sampling(design, log)
     commanded = stated.sampling == "command"
     return {"sampling": sampling, "early": early, "commanded": commanded, "sampling_stated": stated.stated}
-
-
-def _speed_asked(log: Log, prepared: Prepared) -> dict[str, Array]:
-    if "omega_ref" in log:
-        return {"omega_ref": on_grid(log, prepared, "omega_ref")}
-    if "theta_ref" in log:
-        return {"omega_ref": derivative(on_grid(log, prepared, "theta_ref"), 1.0 / prepared.rate)}
-    return {}
 
 
 def _require_samples(mask: Mask, prepared: Prepared, log: Log) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -122,6 +122,8 @@ class Prepared:
         Torque that terms read, where it is not the measured one.
     sampling : Sampling or None
         As in `Processing`.
+    swings : dict of str to (float, float)
+        How far voltages swing over the period of a held reference: see `reference_steps.swings`.
     """
 
     t: Array
@@ -137,6 +139,7 @@ class Prepared:
     inertia_cutoff: float | None = None
     acting: Array | None = None
     sampling: Sampling | None = None
+    swings: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def column(self, values: Array) -> Array:
         """Weight a column over the log's own grid, shape (n,), filter it, and thin it to shape (m,)."""

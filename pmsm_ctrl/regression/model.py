@@ -393,6 +393,15 @@ def _winding(design: Design, record: Record) -> Iterator[Term]:
             nominal = float(getattr(motor, name))
             sigma = motor.tolerance.get(name, TOLERANCE) * nominal
         yield Term(name, part, nominal, sigma, modelled)
+    for row, found in record.prepared.swings.items():
+        for signal, swing in zip(("omega", "alpha"), found, strict=True):
+            if swing > 0.0:
+                yield Term(f"{row} in step by {signal}", partial(_of_signal, record, row, signal), 0.0, swing)
+
+
+def _of_signal(record: Record, row: str, signal: str) -> Mapping[str, Array]:
+    """A signal in one balance."""
+    return {row: record.signals[signal]}
 
 
 def solve_model(record: Record, model: Model, whitener: Whitener, like: Solved | None = None) -> Solved:

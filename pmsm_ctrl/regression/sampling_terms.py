@@ -28,6 +28,7 @@ from pmsm_ctrl.regression.drive_timing import (
     emf_left,
 )
 from pmsm_ctrl.regression.notices import SAMPLED_IN_STEP
+from pmsm_ctrl.regression.reference_steps import HELD
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["FILTERED", "Term", "in_step", "instant_terms", "sampling_terms", "speed_terms"]
@@ -38,8 +39,7 @@ Array = NDArray[np.float64]
 FILTERED = 3e-3
 # Control rate of a drive that states none, Hz; and a third of 0.1 % of the torque, as small as effects are named.
 SLOWEST_CONTROL, LEAST_EXCESS = 4e3, 3e-4
-# Largest speed loop over position loop, and the longest time for which a reference is held, s.
-LOOPS_APART, HELD = 3.0, 4e-3
+LOOPS_APART = 3.0  # largest speed loop over position loop
 VAGUE = 100.0  # prior of the delay of the drive signal, in units of what is possible
 
 

@@ -14,7 +14,7 @@ from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
 from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.regression.edges import MAD, UPPER, WRONG_TORQUE, by_variance, edge_error, highest, steep
 from pmsm_ctrl.regression.encoder_steps import StepErrors
-from pmsm_ctrl.regression.filters import low_pass, low_pass_each
+from pmsm_ctrl.regression.filters import derivative, low_pass, low_pass_each
 from pmsm_ctrl.regression.reversals import ROUNDED
 from pmsm_ctrl.regression.timing import punctual
 
@@ -250,6 +250,15 @@ def on_grid(log: Log, prepared: Prepared, name: str) -> Array:
     """A channel as logged, on the uniform grid."""
     same = len(log) == len(prepared.t)
     return np.array(log[name] if same else np.interp(prepared.t, log.t, log[name]))
+
+
+def speed_asked(log: Log, prepared: Prepared) -> dict[str, Array]:
+    """Return the speed reference of a log that has one, or one of the position, on the uniform grid."""
+    if "omega_ref" in log:
+        return {"omega_ref": on_grid(log, prepared, "omega_ref")}
+    if "theta_ref" in log:
+        return {"omega_ref": derivative(on_grid(log, prepared, "theta_ref"), 1.0 / prepared.rate)}
+    return {}
 
 
 def voltage_weights(
