@@ -84,9 +84,13 @@ def _swing(fast: Array, motion: list[Array], longest: int) -> tuple[float, float
 
 
 def _shares(fast: Array, along: Array, place: NDArray[np.intp], period: int) -> tuple[Array, Array]:
-    """Return the share of a signal in what is fast, at each place of a period, and its standard error."""
+    """Return by how much the share of a signal in what is fast differs at each place of a period, and the error.
+
+    What all places share is the filter's.
+    """
     squares = np.maximum(np.bincount(place, along**2, period), 1e-300)
     share = np.bincount(place, fast * along, period) / squares
+    share -= np.mean(share)
     error = np.sqrt(np.bincount(place, (fast * along) ** 2, period)) / squares
     return share, np.maximum(error, 1e-300)
 
