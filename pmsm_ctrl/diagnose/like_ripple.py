@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.model import solve_model
-from pmsm_ctrl.regression.reluctance import coupling_torques, holds_ripple, logged_ripple_torques, ripple_torques
+from pmsm_ctrl.regression.reluctance import holds_ripple, logged_ripple_torques, ripple_torques
 
 __all__ = ["like_ripple"]
 
@@ -34,13 +34,12 @@ def like_ripple(case: Case, fit: Fitted, trial: Trial) -> Refusal | None:
     """
     if [row for row, _ in trial.group.entering] != [0]:
         return None
-    gain, coupled = judged_gain(fit, trial)[1], coupling_torques(fit.record)
-    any_ripple = [*ripple_torques(fit.record), *coupled]
+    gain, any_ripple = judged_gain(fit, trial)[1], ripple_torques(fit.record)
     if not any_ripple or case.believed is None or not holds_ripple(case.believed.log):
         ripple = _gain(fit, trial, any_ripple)
         return criteria.beside_ripple(gain, ripple, ripple, case.policy)
     # how it grows with the speed hangs on the loops, which may swing with what excites it
-    shown = [*logged_ripple_torques(fit.record, fit.record.timing.undone(case.believed.log)), *coupled]
+    shown = logged_ripple_torques(fit.record, fit.record.timing.undone(case.believed.log))
     ripple, logged = (_gain(fit, trial, torques) for torques in ([*any_ripple, *shown], shown))
     return criteria.beside_ripple(gain, ripple, logged, case.policy)
 

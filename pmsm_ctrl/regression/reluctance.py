@@ -17,7 +17,7 @@ from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.timing import uniform
 
-__all__ = ["coupling_torques", "holds_ripple", "logged_ripple_torques", "ripple_torques"]
+__all__ = ["coupling_torque", "holds_ripple", "logged_ripple_torques", "ripple_torques"]
 
 Array = NDArray[np.float64]
 
@@ -48,12 +48,13 @@ def ripple_torques(record: Record) -> list[Array]:
     return [largest * speed**m * rate**n for m, n in RIPPLES]
 
 
-def coupling_torques(record: Record) -> list[Array]:
+def coupling_torque(record: Record) -> Array | None:
     """Return the load of the i_d that a d-axis without decoupling lets through, N m s/V, of which no channel tells.
 
     Its controller of integral gain K_i answers the coupling voltage ``omega L_q i_q`` by ``i_d = d(omega L_q i_q)/dt /
-    K_i`` below its bandwidth, and ``1.5 p (L_q - L_d) i_q i_d`` is lacking of the torque. Its factor, 1/K_i, is not
-    negative. An acceleration by i_q makes it a saturation of the torque constant.
+    K_i`` below its bandwidth, and ``1.5 p (L_q - L_d) i_q i_d`` is lacking of the torque. This is that torque times
+    K_i. Where i_q accelerates the axis it looks like a saturation of the torque constant. None without saliency, and
+    where the log holds i_d.
 
     Parameters
     ----------
@@ -61,12 +62,12 @@ def coupling_torques(record: Record) -> list[Array]:
     """
     motor, signals = record.design.motor, record.signals
     if motor.p is None or motor.L_d is None or motor.L_q is None or motor.L_d == motor.L_q:
-        return []
+        return None
     if "i_d" in record.prepared.signals:
-        return []
+        return None
     i_q = signals["torque"] / record.design.K_t_assumed
     answer = record.rate_of(signals["omega"] * motor.L_q * i_q)
-    return [-np.asarray(torque_em.py_func(motor.p, 0.0, motor.L_d, motor.L_q, answer, i_q))]
+    return -np.asarray(torque_em.py_func(motor.p, 0.0, motor.L_d, motor.L_q, answer, i_q))
 
 
 def holds_ripple(log: Log) -> bool:

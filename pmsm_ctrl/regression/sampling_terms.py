@@ -29,9 +29,10 @@ from pmsm_ctrl.regression.drive_timing import (
 )
 from pmsm_ctrl.regression.notices import SAMPLED_IN_STEP
 from pmsm_ctrl.regression.reference_steps import HELD
+from pmsm_ctrl.regression.reluctance import coupling_torque
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["FILTERED", "Term", "in_step", "instant_terms", "sampling_terms", "speed_terms"]
+__all__ = ["COUPLED", "FILTERED", "Term", "coupled_terms", "in_step", "instant_terms", "sampling_terms", "speed_terms"]
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,9 @@ Array = NDArray[np.float64]
 FILTERED = 3e-3
 # Control rate of a drive that states none, Hz; and a third of 0.1 % of the torque, as small as effects are named.
 SLOWEST_CONTROL, LEAST_EXCESS = 4e3, 3e-4
+SLOWEST_LOOP = 2.0 * math.pi * 100.0  # rad/s: of a current loop
 LOOPS_APART = 3.0  # largest speed loop over position loop
+COUPLED = "coupled"  # inverse of the integral gain of the d-axis controller, A s/V
 VAGUE = 100.0  # prior of the delay of the drive signal, in units of what is possible
 
 
@@ -167,6 +170,22 @@ def instant_terms(record: Record) -> Iterator[Term]:
     if float(excess.max()) > LEAST_EXCESS:
         torque = record.signals["torque"]
         yield Term(INSTANT, lambda: {"torque": torque * excess}, 0.0, 1.0, True)
+
+
+def coupled_terms(record: Record) -> Iterator[Term]:
+    """Torque that an i_d takes which no channel holds.
+
+    Of its loop no more is known than that it is hardly slower than the slowest. Its controller is taken to cancel the
+    pole of the winding: K_i = R w with the angular frequency w of the loop.
+
+    Parameters
+    ----------
+    record : Record
+    """
+    R = record.design.motor.R
+    if R is None or record.late is None or (load := coupling_torque(record)) is None:
+        return
+    yield Term(COUPLED, lambda: {"torque": load}, 0.0, 1.0 / (R * SLOWEST_LOOP), True)
 
 
 def _emf_left(record: Record) -> tuple[Array, Array] | None:
