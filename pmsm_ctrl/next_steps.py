@@ -67,6 +67,8 @@ def next_step(
     match verb:
         case "track" | "frf" if verb == "track" or verdict == "doubted":  # no design, or none to be trusted
             words = ("identify", *evaluated, "--output", _new())
+        case "frf" if verdict == "not_linear":
+            words = ("simulate", given["design"], "--scenario", "multisine", "--output", "multisine.csv")
         case "tune" | "sweep" | "frf" if not _written(given) and not given.get("keep") and not given.get("paper"):
             words = (*typed, "--output", _new())  # what was found is in no file yet
         case "diagnose" if verdict in ("effects_missing", "consistent") and not _written(given):
