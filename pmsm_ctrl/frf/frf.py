@@ -48,7 +48,10 @@ UNITS = {
 MOTIONS = ("theta_ref", "omega_ref")
 CLOSE = 3000  # frequencies at which a loop around the points is evaluated
 DRAWN = 800  # frequencies of a curve between the measured points
-MARGINS = {"phase_margin": "deg", "gain_margin_db": "dB", "crossover": "Hz", "sensitivity_peak": ""}
+MARGINS = {
+    "phase_margin": "deg", "phase_margin_crossover": "Hz", "gain_margin_db": "dB", "crossover": "Hz",
+    "sensitivity_peak": "",
+}  # fmt: skip
 
 
 def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,8 @@ NAMES = {
     "J": "inertia J", "friction_slope": "friction slope", "delay": "delay", "antiresonance": "antiresonance",
     "resonance": "resonance", "damping_ratio": "damping ratio of the antiresonance", "load_inertia": "load inertia",
     "stiffness": "stiffness k", "damping": "damping d", "phase_margin": "phase margin", "gain_margin_db": "gain margin",
-    "crossover": "crossover", "sensitivity_peak": "peak of the sensitivity",
+    "crossover": "crossover", "phase_margin_crossover": "phase margin, found at",
+    "sensitivity_peak": "peak of the sensitivity",
 }  # fmt: skip
 
 NEGLIGIBLE = 1e-4  # of a parameter: a bias of which no number is shown
@@ -119,12 +121,18 @@ def _bands(result: FrequencyResponse) -> Table:
 
 
 def _margins(result: FrequencyResponse) -> Table:
+    crossover, at = (result.margins[name] for name in ("crossover", "phase_margin_crossover"))
+    # where a resonance crosses 1 again, the phase margin does not belong to the crossover
+    further = (math.isfinite(at[0].value) and at[0].value != crossover[0].value) or (
+        math.isfinite(at[1]) and at[1] != crossover[1]
+    )
+    margins = {name: one for name, one in result.margins.items() if further or one is not at}
     points = {name: with_error(one.value, one.stderr) for name, one in result.point_margins.items()}
     rows = tuple(
         (NAMES[name], found.unit or "1", points.get(name, "-"), with_error(found.value, found.stderr), number(own))
-        for name, (found, own) in result.margins.items()
+        for name, (found, own) in margins.items()
     )
-    outside = "; -: not within the measured points" if points.keys() < result.margins.keys() else ""
+    outside = "; -: not within the measured points" if not points.keys() >= margins.keys() else ""
     return Table(
         ("of the speed loop", "unit", "measured points", "fitted axis", "design"), rows,
         f"Margins with the design's gains{outside}",
