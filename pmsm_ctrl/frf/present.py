@@ -38,9 +38,7 @@ def _(result: FrequencyResponse) -> Section:
     plant, quantity = result.plant, drives(result.design.motion)
     low, high = plant.frequency[0], plant.frequency[-1]
     blocks: list[Block] = [
-        f"{_verdict(result)} {len(plant)} frequencies from {low:.3g} to {high:.4g} Hz at {result.speed:.3g} "
-        f"{'m/s' if result.design.motion == 'linear' else 'rad/s'}"
-        f"{'' if result.window_bias else f', resolution {plant.resolution:.2g} Hz'}"
+        f"{_verdict(result)} {len(plant)} frequencies from {low:.3g} to {high:.4g} Hz{_speed(result)}"
         f"{f', averaged over {plant.records} records' if plant.records > 1 else ''}; instrument: "
         f"{plant.instrument or 'none, the ' + quantity + ' is taken as exact'}.",
         *([HELD] if plant.held else []),
@@ -66,6 +64,14 @@ def _(result: FrequencyResponse) -> Section:
             )
         )
     return Section(f"Frequency response: {Path(result.log_name).name}", tuple(blocks))
+
+
+def _speed(result: FrequencyResponse) -> str:
+    """Return at which speed a log was taken; of a file that states none, where the design is evaluated."""
+    speed = f"{result.speed:.3g} {'m/s' if result.design.motion == 'linear' else 'rad/s'}"
+    if result.window_bias:
+        return f" at {speed}"
+    return f", resolution {result.plant.resolution:.2g} Hz; the file states no speed, the design's is that at {speed}"
 
 
 def _verdict(result: FrequencyResponse) -> str:

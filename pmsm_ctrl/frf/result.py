@@ -131,7 +131,7 @@ class FrequencyResponse(Result):
         With the inertia and the resonance that were fitted, for `tune`; as given where these are not to be trusted.
     log_name : str
     speed : float
-        Mean speed, rad/s (m/s).
+        Mean speed, rad/s (m/s); of a Bode diagram, which states none, the one at which the design's response is taken.
     responses : dict of name to Response
         ``plant`` and the closed loops whose reference was excited.
     model : complex array, shape (n,)
