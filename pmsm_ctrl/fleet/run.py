@@ -74,6 +74,7 @@ def fleet(
     keys = {key_of(item, given.settings, hashes, digest): item for item in items}
     store.note("hashes", hashes.known)
     store.note("limits", given.limits)
+    store.note("designs", {item.axis: item.design for item in items if item.design})
     done = store.done()
     if retry:
         again = {key for key, word in done.items() if word == SET_ASIDE and key in keys}

@@ -79,6 +79,20 @@ def test_a_limit_of_no_parameter_is_refused_before_the_work(two_axes: Path, tmp_
     assert not (tmp_path / "results").exists()
 
 
+def test_a_fleet_of_which_no_log_can_be_evaluated_fails(
+    tmp_path: Path, two_axes: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "logs" / "a").mkdir(parents=True)
+    (tmp_path / "logs" / "a" / "2026-03-01.csv").write_text("t,omega\n", encoding="utf-8")
+    design = read_manifest(two_axes / "run.toml").design
+    for _ in range(2):  # also when it is known from the first run
+        words = ["fleet", str(tmp_path / "logs"), "-d", design, "-o", str(tmp_path / "r"), "-j", "1"]
+        with pytest.raises(SystemExit) as left:
+            main(words)
+        assert left.value.code == 1
+        assert "fleet: none of 1 log could be evaluated; the first: " in capsys.readouterr().err
+
+
 def test_limits_of_own_effects_and_of_found_ones_are_known(own: Manifest) -> None:
     seal = load_effects(own.effects)
     names = ("J", "F_c", "F_c#2", "k_seal", "cogging 24.a_c", "seal_drag.k_seal")
