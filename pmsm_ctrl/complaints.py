@@ -60,7 +60,8 @@ def explain(error: ValidationError, root: type[BaseModel], source: str, data: An
     complaints = error.errors()
     # A misspelt name comes first, because it explains a missing one.
     first = next((c for c in complaints if c["type"] == "extra_forbidden"), complaints[0])
-    place = ".".join(_named(first["loc"], data)) or "design"
+    written = _as_written(root, first["loc"], data)
+    place = ".".join(_named((*first["loc"][:-1], written[0]) if written else first["loc"], data)) or "design"
     found = first.get("input")
     where = f"{source}: {place}" if source else place
     kind = first["type"]
@@ -74,11 +75,27 @@ def explain(error: ValidationError, root: type[BaseModel], source: str, data: An
         # a complaint of the design as a whole says the place itself
         return f"{where}: {told}" if first["loc"] else f"{source}: {told}".removeprefix(": ")
     shown = repr(found) if len(repr(found)) < 60 else f"a {type(found).__name__}"
+    if written:  # of a datasheet's unit, beside what it is in that of the bound
+        shown = f"{written[1]!r}, which is {first['loc'][-1]} = {found:g}"
     message = first["msg"][0].lower() + first["msg"][1:]
     for bound in ("ge", "le"):  # pydantic writes 1e-15 with all its zeros
         if bound in first.get("ctx", {}):
             message = message.rpartition(" ")[0] + f" {first['ctx'][bound]:g}"
     return f"{where}: found {shown}, but {message.replace('input ', 'it ')}; {_accepted(root, first['loc'])}"
+
+
+def _as_written(root: type[BaseModel], loc: tuple[int | str, ...], data: Any) -> tuple[str, Any] | None:
+    """Return the datasheet name and the number from which a field was converted; None where it is written as it is."""
+    if not loc:
+        return None
+    table = data
+    for part in loc[:-1]:
+        table = table.get(part) if isinstance(table, dict) else None
+    if not isinstance(table, dict) or loc[-1] in table:
+        return None
+    sheet: Any = getattr(_walk(root, loc[:-1]), "sheet", dict)()
+    fields = (loc[-1], *(("L",) if loc[-1] in ("L_d", "L_q") else ()))
+    return next(((key, value) for key, value in table.items() if key in sheet and sheet[key].field in fields), None)
 
 
 def _named(loc: tuple[int | str, ...], data: Any) -> list[str]:

@@ -55,6 +55,7 @@ _shown: dict[str, Any] = {
     "mapping": {},
     "recommended": None,
     "page": None,
+    "odd": ("", ""),
 }  # of the command that runs
 _answers: list[TextIO] = []  # the standard output that `json_to_stdout` keeps
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # files that are written name themselves
@@ -68,7 +69,7 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
-    _shown.update(brief="--verbose" not in words, verdict="", mapping={}, recommended=None, page=None)
+    _shown.update(brief="--verbose" not in words, verdict="", mapping={}, recommended=None, page=None, odd=("", ""))
     if not debug:
         # Warnings for users are notices of a result; warnings of libraries are for developers.
         warnings.simplefilter("ignore")
@@ -257,6 +258,11 @@ def kept_mapping() -> dict[str, str]:
     return dict(_shown["mapping"])
 
 
+def keep_odd(log: str, design: str) -> None:
+    """Keep the log of a fleet that the command which follows looks at, and its design; empty where not known."""
+    _shown["odd"] = (log, design)
+
+
 def keep_verdict(verdict: str) -> None:
     """Keep what the command that follows depends on, where the result does not say it."""
     _shown["verdict"] = verdict
@@ -268,6 +274,8 @@ def say_next(verb: str, given: Mapping[str, Any], typed: Sequence[str] = ()) -> 
 
     if _shown["mapping"]:  # confirmed while the command ran
         given = {**given, "mapping": [f"{channel}={column}" for channel, column in _shown["mapping"].items()]}
+    if verb == "fleet":
+        given = {**given, "odd": _shown["odd"]}  # which the fleet's report names
     if verb == "study" and _shown["page"] is not None:
         given = {**given, "output": _shown["page"]}
     line = next_step(verb, given, _shown["verdict"], typed, _shown["recommended"])

@@ -366,6 +366,21 @@ class LogMap(Part):
         default_factory=dict, description="the same for single channels: [log.sampled.u_q]; i_d is taken as i_q"
     )
 
+    @field_validator("scale")
+    @classmethod
+    def _usable(cls, scale: dict[str, float]) -> dict[str, float]:
+        for channel, factor in scale.items():
+            if factor == 0.0:
+                raise ValueError(f"{channel} = {factor:g}, but a factor other than 0 was expected")
+        return scale
+
+    @field_validator("window")
+    @classmethod
+    def _forwards(cls, window: tuple[float, float] | None) -> tuple[float, float] | None:
+        if window is not None and not window[0] < window[1]:
+            raise ValueError(f"found [{window[0]:g}, {window[1]:g}], but the first time should be before the last, s")
+        return window
+
     def of(self, channel: str) -> Sampled:
         """Return how a channel was sampled; what is stated of all is stated of torque and currents.
 

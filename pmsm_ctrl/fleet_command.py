@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pmsm_ctrl.console import command_line, finish, progress_bar
+from pmsm_ctrl.console import NEGATIVE, command_line, finish, keep_odd, progress_bar
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import printable, require_new, require_writable, write_text
 from pmsm_ctrl.options import ForceOption, JsonOption, MapOption, ReportOption
@@ -100,12 +101,19 @@ def _run(
     """Evaluate the logs of a manifest, say what came of it, and write the page of all results where one is wanted."""
     from pmsm_ctrl.fleet import fleet as run_fleet
     from pmsm_ctrl.fleet import fleet_report
+    from pmsm_ctrl.rendering.numbers import counted
 
     with progress_bar(f"fleet {name}") as progress:
         result = run_fleet(manifest, engine=engine, retry=retry, progress=progress)
     finish("fleet", result, json_file=json_file)
     if page is not None:
-        _write_page(fleet_report(result.results), *page)
+        found = fleet_report(result.results)
+        _write_page(found, *page)
+        keep_odd(found.odd_log, found.odd_design)
+    if result.failed:
+        said = f"fleet: none of {counted(result.logs, 'log')} could be evaluated; the first: {result.lost[0].reason}"
+        print(printable(f"pmsm-ctrl: {said}"), file=sys.stderr)
+        raise typer.Exit(NEGATIVE)
 
 
 def _watch(manifest: Manifest, engine: Engine, every: float, retry: bool, axis_pages: bool | None) -> None:
@@ -143,6 +151,7 @@ def _report(
         require_writable(output)
     found = fleet_report(words[0])
     finish("fleet_report", found, json_file=json_file)
+    keep_odd(found.odd_log, found.odd_design)
     if output is not None:
         _write_page(found, output, axis_pages, force)
 

@@ -67,6 +67,8 @@ def next_step(
     match verb:
         case "track" | "frf" if verb == "track" or verdict == "doubted":  # no design, or none to be trusted
             words = ("identify", *evaluated, "--output", _new())
+        case "frf" if verdict == "not_linear":
+            words = ("simulate", given["design"], "--scenario", "multisine", "--output", "multisine.csv")
         case "tune" | "sweep" | "frf" if not _written(given) and not given.get("keep") and not given.get("paper"):
             words = (*typed, "--output", _new())  # what was found is in no file yet
         case "diagnose" if verdict in ("effects_missing", "consistent") and not _written(given):
@@ -107,7 +109,7 @@ def next_step(
             words = ("add", given["identifier"], "--design", design or "DESIGN", "--log", "LOG", "--output", _new())
     own = given.get("effects") or given.get("own")
     if own and words and words[0] not in WITHOUT_EFFECTS and "--effects" not in words:
-        words = (*words, "--effects", own.path)
+        words = (*words, "--effects", getattr(own, "path", own))  # that of a fleet is the file alone
     return " ".join(["pmsm-ctrl", *(_shown(str(word)) for word in words)]) if words else ""
 
 
@@ -127,9 +129,11 @@ def _after_fleet(given: Mapping[str, Any], verdict: str) -> tuple[Any, ...]:
     if given["words"][:1] == ["example"] and not given.get("report"):
         return ("fleet", Path(given["words"][1]) / "run.toml")
     if "report" not in given["words"][:1] and not given.get("report"):
-        return ("fleet", "report", _results(given), "--output", "fleet.html")
+        return ("fleet", "report", _results(given), "--output", unused_name(Path("fleet.html")))
     # an axis of the page that lacks an effect, or changes
-    return ("diagnose", "LOG", "--design", given.get("design") or "DESIGN", "--output", _new())
+    log, design = given.get("odd") or ("", "")
+    design = design or given.get("design") or "DESIGN"
+    return ("diagnose", log or "LOG", "--design", design, *_mapped(given), "--output", _new())
 
 
 def _after_compensation(given: Mapping[str, Any], verdict: str, recommended: Design | None) -> tuple[Any, ...]:

@@ -188,7 +188,7 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
                                 "verdicts": {"type": "object"}, "missing": FLAG, "consistent": FLAG,
                                 "p_value": NUMBER, "q_value": NUMBER, "findings": _list({"type": "object"})})),
          "changes": _list({"type": "object"}), "judged": {}, "unlike": _list({"type": "object"}),
-         "worthless": _list({"type": "object"}), **DOUBTS},
+         "worthless": _list({"type": "object"}), "unexplained": _list({"type": "object"}), **DOUBTS},
         {},
     ),
     "effects": ("effects", {}, {"effects": _list(_record(EFFECT)), **EFFECT}),

@@ -20,6 +20,9 @@ from pmsm_ctrl.units import axis_words
 
 __all__ = ["SIGNALS", "Effect", "Parameter"]
 
+# What a term enters -> what it returns there, unless the effect says otherwise.
+_RETURNED = {"torque": ("torque",), "voltage": ("u_d", "u_q"), "measurement": ("i_d", "i_q")}
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -126,9 +129,17 @@ class Effect:
     same_as: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if self.enters not in tuple(_RETURNED):
+            close = nearest(str(self.enters), _RETURNED)
+            raise DesignError(f"effect '{self.id}': enters = {self.enters!r}{close} (accepted: {', '.join(_RETURNED)})")
         if not self.channels:
-            returned = {"torque": ("torque",), "voltage": ("u_d", "u_q"), "measurement": ("i_d", "i_q")}
-            object.__setattr__(self, "channels", returned[self.enters])
+            object.__setattr__(self, "channels", _RETURNED[self.enters])
+        for one in self.parameters:
+            if not one.lower <= one.start <= one.upper:
+                raise DesignError(
+                    f"effect '{self.id}': parameter '{one.symbol}' starts at {one.start:g}, but a start value should "
+                    f"lie between its bounds, {one.lower:g} and {one.upper:g} {one.unit}"
+                )
         if not self.amplitudes:
             object.__setattr__(self, "amplitudes", tuple(p.symbol for p in self.parameters if p.linear))
         if self.rounds and not self.bends_over:

@@ -90,7 +90,8 @@ def catalogue_with(own: Iterable[Effect] = ()) -> dict[str, Effect]:
     Raises
     ------
     RequestError
-        When an own effect takes an id that is in use, or its term is no number at some value of its signals.
+        When an own effect takes an id that is in use, or its term is no number at some value of its signals, has no
+        linear parameter, or is not linear in those it states.
     """
     effects = dict(CATALOGUE)
     for effect in own:

@@ -13,7 +13,7 @@ from pathlib import Path
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.effects.soundness import require_sound
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 
 __all__ = ["load_effects"]
 
@@ -35,7 +35,7 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
     ------
     RequestError
         When the file is missing, cannot be run, defines no effect, or defines two with one id, or one whose term is
-        no number at some value of its signals.
+        no number at some value of its signals, has no linear parameter, or is not linear in those it states.
     """
     file = Path(path).resolve()
     if not file.is_file():
@@ -56,7 +56,9 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
             del sys.modules[spec.name]
         else:
             sys.modules[spec.name] = before
-        raise RequestError(f"{path}: {_line(error, file)}cannot be run: {type(error).__name__}: {error}") from error
+        # what the package says of an effect is a whole sentence; of anything else its kind belongs to it
+        said = str(error) if isinstance(error, PmsmCtrlError) else f"cannot be run: {type(error).__name__}: {error}"
+        raise RequestError(f"{path}: {_line(error, file)}{said}") from error
     finally:
         sys.path.remove(str(file.parent))
     found: dict[str, Effect] = {}

@@ -1,9 +1,13 @@
-"""Whether the function of an own effect is a number wherever an axis can be: one that is not is refused at once."""
+"""Whether an own effect's function is a number wherever an axis can be, and linear where it says so.
+
+One that is not is refused at once: the regression would take it for something else, or for nothing.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
+import random
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,12 +31,14 @@ _TRIED: dict[str, tuple[float, ...]] = {
     "limit": (0.5, 1.0), "direction": (-1.0, 0.0, 1.0),
 }  # fmt: skip
 _MOST = 6  # signals of which every combination is tried; of more the others keep one value
+# Draws of signals and parameters at which a linear term is tried, and by how much of itself it may be off: rounding.
+_DRAWS, _ROUNDING = 16, 1e-9
 # Effects that were tried: a design asks for its effects often.
 _SOUND: WeakSet[Any] = WeakSet()
 
 
 def require_sound(effect: Effect, place: str = "") -> None:
-    """Refuse an own effect whose term fails or is not finite at some value of its signals.
+    """Refuse an own effect that no regression evaluates, or whose term is no number somewhere, or not linear as stated.
 
     Parameters
     ----------
@@ -47,6 +53,7 @@ def require_sound(effect: Effect, place: str = "") -> None:
     """
     if effect in _SOUND:
         return
+    _require_column(effect, place or place_of(effect))
     own = _parameters(effect)
     free = effect.signals[:_MOST]
     for tried in itertools.product(*(_TRIED[name] for name in free)):
@@ -55,6 +62,7 @@ def require_sound(effect: Effect, place: str = "") -> None:
             continue  # a moving axis has the direction of its speed
         if found := _fault(effect, at | own):
             raise refusal(effect, at | own, found, place)
+    _require_linear(effect, place or place_of(effect))
     _SOUND.add(effect)
 
 
@@ -102,6 +110,63 @@ def place_of(effect: Effect) -> str:
     """Return the file of an effect's term as a message begins with it; empty where it was typed at a prompt."""
     name = effect.py_term.__code__.co_filename
     return "" if name.startswith("<") else f"{Path(name).name}: "
+
+
+def _require_column(effect: Effect, place: str) -> None:
+    """Refuse an effect of which a regression has no column: whatever its values, it would count as nothing there."""
+    if effect.linear or effect.structure.symbols(effect):
+        return
+    known = ", ".join(p.symbol for p in effect.parameters)
+    raise RequestError(
+        f"{place}effect '{effect.id}': no parameter multiplies its term, so that no regression would evaluate it; "
+        f"at least one Parameter(..., linear=True) was expected" + (f" (its parameters: {known})" if known else "")
+    )
+
+
+def _require_linear(effect: Effect, place: str) -> None:
+    """Refuse a term that is not linear in its linear parameters: f(x + y) = f(x) + f(y), the others held."""
+    if not effect.linear:
+        return
+    draw = random.Random(1)
+    held = {name: value for name, value in _parameters(effect).items() if not effect.parameter(name).linear}
+    for _ in range(_DRAWS):
+        at = {name: draw.uniform(min(_TRIED[name]), max(_TRIED[name])) for name in effect.signals}
+        if "direction" in at:
+            at["direction"] = math.copysign(1.0, at.get("omega", at["direction"]))
+        x, y = ({p.symbol: _drawn(draw, p.lower, p.upper) for p in effect.linear} for _ in range(2))
+        both = {name: x[name] + y[name] for name in x}
+        whole, one, other = (_numbers(effect, at | held | values) for values in (both, x, y))
+        off = [(a, b + c) for a, b, c in zip(whole, one, other, strict=False) if _apart(a, b + c, abs(b) + abs(c))]
+        if off:
+            name = effect.py_term.__name__
+            where = ", ".join(f"{key} = {(at | held)[key]:.4g}" for key in effect.arguments if key in at | held)
+            given = [", ".join(f"{key} = {value:.4g}" for key, value in values.items()) for values in (x, y, both)]
+            raise RequestError(
+                f"{place}effect '{effect.id}': function '{name}' is not linear in {', '.join(x)} as stated: "
+                f"{f'at {where} ' if where else ''}it gives {off[0][0]:.4g} for {given[2]}, but {off[0][1]:.4g} is the "
+                f"sum of {given[0]} and {given[1]}; linear=True is for a parameter that only multiplies"
+            )
+
+
+def _drawn(draw: random.Random, lower: float, upper: float) -> float:
+    """Return a value of a linear parameter, of a sign that its bounds allow."""
+    size = draw.uniform(0.5, 1.5)
+    negative = upper <= 0.0 or (lower < 0.0 and draw.random() < 0.5)
+    return -size if negative else size
+
+
+def _numbers(effect: Effect, values: Mapping[str, float]) -> list[float]:
+    """Return what the term gives, nothing where it fails: that is said elsewhere, by the compiler or on a log."""
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            return [float(part) for part in np.atleast_1d(effect.py_term(*(values[name] for name in effect.arguments)))]
+    except Exception:
+        return []
+
+
+def _apart(a: float, b: float, size: float) -> bool:
+    return math.isfinite(a) and math.isfinite(size) and abs(a - b) > _ROUNDING * max(abs(a), size)
 
 
 def _parameters(effect: Effect) -> dict[str, float]:

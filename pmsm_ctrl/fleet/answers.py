@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from pmsm_ctrl.evidence.trends import FALSE_DISCOVERIES, Regression, Step, changing, q_values, regression
 from pmsm_ctrl.fleet import notices as words
 from pmsm_ctrl.fleet.axis import AxisRows, by_axis
-from pmsm_ctrl.fleet.evaluate import DONE
 from pmsm_ctrl.fleet.policy import OUTLYING, REPEATED
 from pmsm_ctrl.fleet.result import Lost
+from pmsm_ctrl.fleet.single_logs import WORTHLESS, latest_with, unexplained, without_copies, worthless
 from pmsm_ctrl.fleet.store import Row, Store
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice
@@ -26,7 +26,6 @@ __all__ = ["AxisAnswer", "Change", "Finding", "FleetReport", "Series", "Unlike",
 
 Array = NDArray[np.float64]
 DAY = 86400.0
-WORTHLESS = ("not_excited", "implausible", "inconclusive")
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -194,6 +193,10 @@ class FleetReport(Result):
     worthless : tuple of Lost
         Logs without an answer, and why.
     notices : tuple of Notice
+    unexplained : tuple of Lost
+        Logs whose residual no effect of the catalogue explains, and what is said of it.
+    odd_log, odd_design : str
+        Of the axis that surest lacks an effect, or changes: what to look at next; empty where there is none.
     """
 
     results: str
@@ -203,6 +206,9 @@ class FleetReport(Result):
     unlike: tuple[Unlike, ...]
     worthless: tuple[Lost, ...]
     notices: tuple[Notice, ...] = ()
+    unexplained: tuple[Lost, ...] = ()
+    odd_log: str = ""
+    odd_design: str = ""
 
     @property
     def changing(self) -> tuple[str, ...]:
@@ -232,7 +238,8 @@ class FleetReport(Result):
         plain: dict[str, Any] = jsonable({
             "schema": "pmsm-ctrl/fleet_report/1", "results": self.results, "axes": axes, "changes": changes,
             "judged": self.judged, "unlike": [vars(one) for one in self.unlike],
-            "worthless": [vars(one) for one in self.worthless], **self.doubts(),
+            "worthless": [vars(one) for one in self.worthless],
+            "unexplained": [vars(one) for one in self.unexplained], **self.doubts(),
         })  # fmt: skip
         return plain
 
@@ -263,10 +270,14 @@ def fleet_report(results: str | os.PathLike[str]) -> FleetReport:
     """
     store = Store(results, create=False)
     limits = {name: float(value) for name, value in store.noted("limits").items()}
-    return answered(str(results), store.read(KINDS), limits)
+    digests = {name: str(known[2]) for name, known in store.noted("hashes").items() if len(known) > 2}
+    return answered(str(results), store.read(KINDS), limits, digests, store.noted("designs"))
 
 
-def answered(results: str, rows: Iterable[Row], limits: Mapping[str, float]) -> FleetReport:
+def answered(
+    results: str, rows: Iterable[Row], limits: Mapping[str, float], digests: Mapping[str, str] | None = None,
+    designs: Mapping[str, str] | None = None,
+) -> FleetReport:  # fmt: skip
     """Answer from rows.
 
     Parameters
@@ -276,20 +287,27 @@ def answered(results: str, rows: Iterable[Row], limits: Mapping[str, float]) -> 
     rows : iterable of Row
     limits : dict of str to float
         Highest allowed value by parameter.
+    digests, designs : dict of str to str, optional
+        Hash of each log, of which equal ones of an axis count once; path of the design of each axis.
 
     Returns
     -------
     FleetReport
     """
     axes = by_axis(rows)
+    copies = without_copies(axes, digests or {})
     found = [(axis, *_findings(axis)) for axis in axes]
     shares = q_values([p for _, p, _ in found])
     answers = tuple(_answer(axis, p, q, findings) for (axis, p, findings), q in zip(found, shares, strict=True))
     changes, judged = _changes(answers, limits)
-    worthless = tuple(one for axis in axes for one in _worthless(axis))
-    return FleetReport(
-        results, answers, changes, judged, tuple(_unlike(answers)), worthless, tuple(_notices(answers, worthless))
+    lost = tuple(one for axis in axes for one in worthless(axis))
+    odd = tuple(one for axis in axes for one in unexplained(axis))
+    report = FleetReport(
+        results, answers, changes, judged, tuple(_unlike(answers)), lost, tuple(_notices(answers, lost, copies)), odd
     )
+    surest = [(one.name, one.findings[0].effect) for one in report.missing if one.findings]
+    axis, effect = next(iter((*surest, *((one.axis, "") for one in changes))), ("", ""))
+    return replace(report, odd_log=latest_with(axes, axis, effect), odd_design=(designs or {}).get(axis, ""))
 
 
 def _findings(axis: AxisRows) -> tuple[float, tuple[Finding, ...]]:
@@ -470,22 +488,12 @@ def _unlike(axes: tuple[AxisAnswer, ...]) -> Iterator[Unlike]:
     yield from sorted(out, key=lambda one: -abs(one.score))
 
 
-def _worthless(axis: AxisRows) -> Iterator[Lost]:
-    """Yield the records without an answer, and why."""
-    for record in axis.ordered():
-        rows = axis.rows[record]
-        status = next((row for row in rows if row.kind == "status"), None)
-        verdict = next((row for row in rows if row.kind == "verdict" and row.source == "diagnose"), None)
-        if status is not None and status.name != DONE:
-            yield Lost(record, axis.name, status.text, status.name != "failed")
-        elif verdict is not None and verdict.name in WORTHLESS:
-            yield Lost(record, axis.name, f"{verdict.name.replace('_', ' ')}: {verdict.text}")
-
-
-def _notices(axes: tuple[AxisAnswer, ...], worthless: tuple[Lost, ...]) -> Iterator[Notice]:
+def _notices(axes: tuple[AxisAnswer, ...], lost: tuple[Lost, ...], copies: list[str]) -> Iterator[Notice]:
     records = sum(one.records for one in axes)
     silent = [one.name for one in axes if not one.answered]
     if silent:
         yield words.SILENT(count=len(silent), names=", ".join(silent[:8]))
-    if worthless:
-        yield words.WORTHLESS(count=len(worthless), logs=records)
+    if lost:
+        yield words.WORTHLESS(count=len(lost), logs=records)
+    if copies:
+        yield words.COPIES(count=len(copies), names=", ".join(copies[:5]))

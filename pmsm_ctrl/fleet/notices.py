@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from pmsm_ctrl.section import Template
 
-__all__ = ["FAILED", "SET_ASIDE", "SILENT", "WORTHLESS"]
+__all__ = ["COPIES", "FAILED", "SET_ASIDE", "SILENT", "WORTHLESS"]
 
+COPIES = Template(
+    "logs_are_copies",
+    "{count} of the logs: byte for byte an earlier log of the same axis, and left out, as a copy measures nothing "
+    "again: {names}",
+)
 FAILED = Template("logs_failed", "{count} of {logs} logs could not be evaluated; the first: {reason}")
 SET_ASIDE = Template(
     "logs_set_aside", "{count} logs were set aside, because each ended its worker process three times: {names}"

@@ -61,7 +61,8 @@ def sections(report: FleetReport) -> tuple[Section, ...]:
     """
     verdict = verdict_of(report)
     axes = Section("Axes", (verdict, *report.notices, _axes_table(report)))
-    found = (_missing(report), _changed(report), _unlike(report), _temperature(report), _worthless(report))
+    found = (_missing(report), _changed(report), _unlike(report), _temperature(report), _unexplained(report),
+             _worthless(report))  # fmt: skip
     return (axes, *(one for one in found if one is not None))
 
 
@@ -245,6 +246,17 @@ def _unit(axes: Iterable[AxisAnswer]) -> str:
     return next((one.series["F_c"].unit for one in axes if "F_c" in one.series), "")
 
 
+def _unexplained(report: FleetReport) -> Section | None:
+    if not report.unexplained:
+        return None
+    count = len(report.unexplained)
+    said = (
+        f"{count} {'log has a residual' if count == 1 else 'logs have a residual'} that no effect of the catalogue "
+        "explains. `pmsm-ctrl diagnose LOG --design DESIGN` shows what it depends on."
+    )
+    return Section("Unexplained logs", (said, _lost_table(report.unexplained, "Unexplained logs")))
+
+
 def _worthless(report: FleetReport) -> Section | None:
     if not report.worthless:
         return None
@@ -303,7 +315,7 @@ def axis_sections(report: FleetReport, axis: AxisAnswer, records: tuple[AxisReco
     own = replace(
         report, axes=tuple(one for one in report.axes if one.name == axis.name),
         changes=tuple(one for one in report.changes if one.axis == axis.name),
-        unlike=tuple(one for one in report.unlike if one.axis == axis.name), worthless=(), notices=(),
+        unlike=tuple(one for one in report.unlike if one.axis == axis.name), worthless=(), unexplained=(), notices=(),
     )  # fmt: skip
     changed = _changed(own) if own.changes else None
     told = (f"{report.judged} parameters of all axes were judged together.", *(changed.blocks[1:] if changed else ()))

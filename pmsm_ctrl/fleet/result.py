@@ -66,6 +66,11 @@ class FleetResult(Result):
         """``set_aside`` where a log was, and ``evaluated``."""
         return "set_aside" if any(one.set_aside for one in self.lost) else "evaluated"
 
+    @property
+    def failed(self) -> bool:
+        """Whether no log could be evaluated, and none was set aside to be tried again."""
+        return len(self.lost) == self.evaluated + self.reused and self.verdict != "set_aside"
+
     def to_dict(self) -> dict[str, Any]:
         """Return the schema ``pmsm-ctrl/fleet/1``."""
         plain: dict[str, Any] = jsonable({

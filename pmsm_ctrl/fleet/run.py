@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.effects import Effect, catalogue_with
+from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.files import sha256
 from pmsm_ctrl.fleet import notices as words
 from pmsm_ctrl.fleet.engine import Engine, completed
@@ -18,6 +19,7 @@ from pmsm_ctrl.fleet.manifest import Item, Manifest, items_of, read_manifest
 from pmsm_ctrl.fleet.remote import changed
 from pmsm_ctrl.fleet.result import FleetResult, Lost
 from pmsm_ctrl.fleet.store import Row, Store
+from pmsm_ctrl.regression.prediction import STATED
 from pmsm_ctrl.section import Notice
 
 __all__ = ["fleet"]
@@ -56,7 +58,8 @@ def fleet(
     Raises
     ------
     RequestError
-        When the manifest is wrong, a file of own effects cannot be run, or something is not installed.
+        When the manifest is wrong or limits what is no parameter, a file of own effects cannot be run, or something is
+        not installed.
     DesignError
         When a design is wrong.
     """
@@ -64,12 +67,14 @@ def fleet(
     given = manifest if isinstance(manifest, Manifest) else read_manifest(manifest)
     items = [item for item in items_of(given) if not quiet or _settled(item, quiet)]
     designs = {path: Design.read(path) for path in sorted({item.design for item in items} - {""})}
-    digest = _loaded(given.effects)
+    digest, own = _loaded(given.effects)
+    _require_parameters(given.limits, designs.values(), own)
     store = Store(given.results)
     hashes = Hashes(store.noted("hashes"))
     keys = {key_of(item, given.settings, hashes, digest): item for item in items}
     store.note("hashes", hashes.known)
     store.note("limits", given.limits)
+    store.note("designs", {item.axis: item.design for item in items if item.design})
     done = store.done()
     if retry:
         again = {key for key, word in done.items() if word == SET_ASIDE and key in keys}
@@ -91,16 +96,34 @@ def fleet(
     return _result(given.results, keys, store, len(jobs), time.perf_counter() - started, spent)
 
 
-def _loaded(effects: str) -> str:
-    """Return the hash of a file of own effects, which is run here first: what it lacks is said before the work."""
+def _loaded(effects: str) -> tuple[str, tuple[Effect, ...]]:
+    """Return the hash and the effects of a file, which is run here first: what it lacks is said before the work."""
     if not effects:
-        return ""
+        return "", ()
     try:
         digest = sha256(effects)
     except OSError as error:
         raise RequestError(f"{effects}: no own effects can be read here ({error.strerror})") from None
-    own_effects(effects, digest)
-    return digest
+    return digest, own_effects(effects, digest)
+
+
+def _require_parameters(limits: Mapping[str, float], designs: Iterable[Design], own: tuple[Effect, ...]) -> None:
+    """Refuse a limit of what is no parameter: no trend would ever reach it. Of an effect that is found: `id.symbol`."""
+    effects = catalogue_with(own)
+    used = [effects[entry.id] for design in designs for entry in design.effects if entry.id in effects]
+    symbols = {one.symbol: None for effect in (*used, *effects.values()) for one in effect.parameters}
+    for name in limits:
+        effect, _, symbol = name.rpartition(".")
+        known = (
+            {p.symbol: None for p in effects[found].parameters} if (found := effect.split(" ")[0]) in effects else {}
+        )
+        if symbol.split("#")[0] not in (known if effect else {*STATED, *symbols}):
+            shown = [*STATED, *dict.fromkeys(p.symbol for one in used for p in one.parameters)]
+            raise RequestError(
+                f"[limits] {name}: no parameter has this name{nearest(name, [*shown, *symbols])} (known: "
+                f"{', '.join(shown)}, those of the effects of the catalogue, and of one that is found, such as "
+                "'cogging 24.a_c')"
+            )
 
 
 def _settled(item: Item, quiet: float) -> bool:

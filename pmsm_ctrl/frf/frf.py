@@ -22,6 +22,7 @@ from pmsm_ctrl.frf.result import Band, Curves, FrequencyResponse, Response
 from pmsm_ctrl.frf.stretches import mean_speed, stretches, without_steps
 from pmsm_ctrl.frf.window import largest, widths, window_bias
 from pmsm_ctrl.log import Logs, as_logs, names_of
+from pmsm_ctrl.plausibility.policy import POLICY as PLAUSIBLE
 from pmsm_ctrl.regression.measurement_correction import left_in
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.result import Estimate
@@ -47,7 +48,10 @@ UNITS = {
 MOTIONS = ("theta_ref", "omega_ref")
 CLOSE = 3000  # frequencies at which a loop around the points is evaluated
 DRAWN = 800  # frequencies of a curve between the measured points
-MARGINS = {"phase_margin": "deg", "gain_margin_db": "dB", "crossover": "Hz", "sensitivity_peak": ""}
+MARGINS = {
+    "phase_margin": "deg", "phase_margin_crossover": "Hz", "gain_margin_db": "dB", "crossover": "Hz",
+    "sensitivity_peak": "",
+}  # fmt: skip
 
 
 def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
@@ -118,8 +122,9 @@ def _compared(
     unknown = design.motor.J is None
     if not axis.covariance[0, 0] < policy.UNDETERMINED**2:
         raise NotExcitedError(
-            f"{name}: the response at {counted(len(response))} does not determine the inertia: its error is larger "
-            "than itself; excite more strongly, or over a wider range, and log the reference that is excited"
+            f"{name}: the response at {counted(len(response))} does not determine the inertia: its standard error "
+            f"is more than {policy.UNDETERMINED:.0%} of it; excite more strongly, or over a wider range, and log the "
+            "reference that is excited"
         )
     believed = design.with_parameters(J=axis.J) if unknown else design  # with the inertia found nothing else is hidden
     own = _own_response(believed, speed, response.frequency)
@@ -128,7 +133,7 @@ def _compared(
     estimates = _estimates(believed, axis, speed)
     measured = _measured_design(believed, axis)
     judged = _judged(believed, axis, estimates)
-    if (doubt := _unexcited(found, axis, response.instrument)) is not None:
+    if (doubt := _unexcited(found, axis, response.instrument) or _nonlinear(design, found, axis)) is not None:
         # what differs from the design are values that are not to be taken
         found, judged, measured = [doubt, *found], [n for n in judged if n.code == words.MISFIT.code], design
     if unknown:
@@ -154,6 +159,22 @@ def _unexcited(found: list[Notice], axis: Axis, instrument: str) -> Notice | Non
         return words.NO_EXCITATION(why=f"{unseen} the axis reverses, where friction is not linear")
     if axis.misfit > policy.MISFIT:
         return words.NO_EXCITATION(why=f"{unseen} the residual of the fitted axis is {axis.misfit:.2g} times the noise")
+    return None
+
+
+def _nonlinear(design: Design, found: list[Notice], axis: Axis) -> Notice | None:
+    """Return why the response is not that of a linear axis, or None.
+
+    Standard errors grow with the residual as they do with noise. What a friction that is not linear leaves is no noise:
+    it moves the inertia by many of them, and where friction holds the axis the response is another one altogether.
+    """
+    if axis.misfit <= policy.MISFIT:
+        return None
+    if words.REVERSES.code in {notice.code for notice in found}:
+        return words.NOT_LINEAR(misfit=axis.misfit, why="the axis reverses while it is excited")
+    factor = 1.0 if design.motor.J is None else axis.J / design.J
+    if max(factor, 1.0 / factor) > PLAUSIBLE.limit["J"]:
+        return words.NOT_LINEAR(misfit=axis.misfit, why=f"the inertia is {factor:.3g} times the design's")
     return None
 
 

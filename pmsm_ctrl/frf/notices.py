@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.frf.result import NO_EXCITATION as NOT_TO_BE_TAKEN
+from pmsm_ctrl.frf.result import NOT_LINEAR as OF_NO_AXIS
 from pmsm_ctrl.section import Notice, Template
 
 if TYPE_CHECKING:
@@ -24,6 +25,12 @@ NO_EXCITATION = Template(
     NOT_TO_BE_TAKEN,
     "{why}: inertia, delay and resonance of the fitted axis are not to be taken; `simulate --scenario multisine` shows "
     "a motion that excites the axis; `identify` takes the inertia from a log like this one",
+)
+NOT_LINEAR = Template(
+    OF_NO_AXIS,
+    "the residual of the fitted axis is {misfit:.2g} times the noise, and {why}: inertia, delay and resonance of the "
+    "fitted axis are not to be taken, nor their standard errors; excite around a constant speed, at which the axis "
+    "keeps its direction: `simulate --scenario multisine` shows such a motion",
 )
 NOISE_ANSWERED = Template(
     "frf_noise_answered",

@@ -24,13 +24,16 @@ Margin = tuple[float, float, float]  # value, standard error, and where it is, i
 
 REACH = math.log(2.0) / 3.0  # half-width of the kernel, in ln f: a third octave on either side
 NEPER = 20.0 / math.log(10.0)  # dB
+AT = {"phase_margin_crossover": "phase_margin"}  # a place -> the margin that is there
 GAP = 0.05  # in ln f, between two frequencies
 
 
 def point_margins(
     measured: Response, fitted: Complex, frequency: Array, loop: Complex, late: float = 0.0
 ) -> Mapping[str, tuple[float, float]]:
-    """Return phase margin (deg), gain margin (dB), crossover (Hz) and peak of the sensitivity, with standard errors.
+    """Return phase margin (deg) and where it is (Hz), gain margin (dB), crossover (Hz) and peak of the sensitivity.
+
+    Each has its standard error.
 
     Those that lie outside of the measured range are left out: one that the fitted axis has elsewhere counts only where
     the points are worse.
@@ -67,7 +70,13 @@ def point_margins(
         return {}
     L = L * np.exp(away)
     found, own = _margins(at, L, np.sqrt(variance), late), _margins(whole, loop, np.zeros(len(whole)), 0.0)
-    return {name: one[:2] for name, one in found.items() if _decides(name, one, own.get(name), (at[0], at[-1]))}
+    seen = (at[0], at[-1])
+    return {
+        name: one[:2]
+        for name, one in found.items()
+        for judge in (AT.get(name, name),)
+        if _decides(judge, found[judge], own.get(judge), seen)
+    }
 
 
 def _decides(name: str, found: Margin, own: Margin | None, seen: tuple[float, float]) -> bool:
@@ -106,7 +115,9 @@ def _margins(at: Array, L: Complex, sigma: Array, late: float) -> dict[str, Marg
         margin = (np.interp(crossed, at, phase) + 2.0 * math.pi) % (2.0 * math.pi) - math.pi
         k = int(np.argmin(np.abs(margin)))
         s, p, g, t = (float(np.interp(crossed[k], at, one)) for one in (sigma, angle, steep, turn))
-        found["phase_margin"] = (math.degrees(margin[k]), math.degrees(math.hypot(p, s * t / g)), float(crossed[k]))
+        place = float(crossed[k])
+        found["phase_margin"] = (math.degrees(margin[k]), math.degrees(math.hypot(p, s * t / g)), place)
+        found["phase_margin_crossover"] = (math.exp(place), math.exp(place) * s / abs(g), place)
         first = float(crossed[0])
         s, g = (float(np.interp(first, at, one)) for one in (sigma, steep))
         found["crossover"] = (math.exp(first), math.exp(first) * s / abs(g), first)

@@ -25,8 +25,9 @@ DEVIATION = 0.01
 SMALLEST_DEVIATION = 0.05
 # Residual of the fitted axis over the noise from which on the response is not that of the axis: twice its power.
 MISFIT = math.sqrt(2.0)
-# Relative error of the inertia from which on a response says nothing about the axis.
-UNDETERMINED = 1.0
+# Standard error of the inertia's logarithm from which on a response says nothing about the axis: its 95 % interval
+# reaches beyond a factor of e either way.
+UNDETERMINED = 0.5
 # Share of the excitation's power above HIGHEST from which on it may reach beyond half the log's rate and fold back:
 # 2e-6 with the default chirp, 5e-3 with a binary sequence of 20 ms in a log of 1 kHz.
 BEYOND = 1e-3

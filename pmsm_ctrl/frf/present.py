@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,8 @@ NAMES = {
     "J": "inertia J", "friction_slope": "friction slope", "delay": "delay", "antiresonance": "antiresonance",
     "resonance": "resonance", "damping_ratio": "damping ratio of the antiresonance", "load_inertia": "load inertia",
     "stiffness": "stiffness k", "damping": "damping d", "phase_margin": "phase margin", "gain_margin_db": "gain margin",
-    "crossover": "crossover", "sensitivity_peak": "peak of the sensitivity",
+    "crossover": "crossover", "phase_margin_crossover": "phase margin, found at",
+    "sensitivity_peak": "peak of the sensitivity",
 }  # fmt: skip
 
 NEGLIGIBLE = 1e-4  # of a parameter: a bias of which no number is shown
@@ -36,9 +38,7 @@ def _(result: FrequencyResponse) -> Section:
     plant, quantity = result.plant, drives(result.design.motion)
     low, high = plant.frequency[0], plant.frequency[-1]
     blocks: list[Block] = [
-        f"{_verdict(result)} {len(plant)} frequencies from {low:.3g} to {high:.4g} Hz at {result.speed:.3g} "
-        f"{'m/s' if result.design.motion == 'linear' else 'rad/s'}"
-        f"{'' if result.window_bias else f', resolution {plant.resolution:.2g} Hz'}"
+        f"{_verdict(result)} {len(plant)} frequencies from {low:.3g} to {high:.4g} Hz{_speed(result)}"
         f"{f', averaged over {plant.records} records' if plant.records > 1 else ''}; instrument: "
         f"{plant.instrument or 'none, the ' + quantity + ' is taken as exact'}.",
         *([HELD] if plant.held else []),
@@ -64,6 +64,14 @@ def _(result: FrequencyResponse) -> Section:
             )
         )
     return Section(f"Frequency response: {Path(result.log_name).name}", tuple(blocks))
+
+
+def _speed(result: FrequencyResponse) -> str:
+    """Return at which speed a log was taken; of a file that states none, where the design is evaluated."""
+    speed = f"{result.speed:.3g} {'m/s' if result.design.motion == 'linear' else 'rad/s'}"
+    if result.window_bias:
+        return f" at {speed}"
+    return f", resolution {result.plant.resolution:.2g} Hz; the file states no speed, the design's is that at {speed}"
 
 
 def _verdict(result: FrequencyResponse) -> str:
@@ -119,12 +127,18 @@ def _bands(result: FrequencyResponse) -> Table:
 
 
 def _margins(result: FrequencyResponse) -> Table:
+    crossover, at = (result.margins[name] for name in ("crossover", "phase_margin_crossover"))
+    # where a resonance crosses 1 again, the phase margin does not belong to the crossover
+    further = (math.isfinite(at[0].value) and at[0].value != crossover[0].value) or (
+        math.isfinite(at[1]) and at[1] != crossover[1]
+    )
+    margins = {name: one for name, one in result.margins.items() if further or one is not at}
     points = {name: with_error(one.value, one.stderr) for name, one in result.point_margins.items()}
     rows = tuple(
         (NAMES[name], found.unit or "1", points.get(name, "-"), with_error(found.value, found.stderr), number(own))
-        for name, (found, own) in result.margins.items()
+        for name, (found, own) in margins.items()
     )
-    outside = "; -: not within the measured points" if points.keys() < result.margins.keys() else ""
+    outside = "; -: not within the measured points" if not points.keys() >= margins.keys() else ""
     return Table(
         ("of the speed loop", "unit", "measured points", "fitted axis", "design"), rows,
         f"Margins with the design's gains{outside}",

@@ -16,7 +16,8 @@ from pmsm_ctrl.section import Notice
 
 __all__ = ["Band", "Curves", "FrequencyResponse", "Response"]
 
-NO_EXCITATION = "frf_no_excitation"  # code of the notice that the fitted axis is not to be taken
+# Codes of the notices that the fitted axis is not to be taken.
+NO_EXCITATION, NOT_LINEAR = "frf_no_excitation", "frf_axis_not_linear"
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
@@ -130,7 +131,7 @@ class FrequencyResponse(Result):
         With the inertia and the resonance that were fitted, for `tune`; as given where these are not to be trusted.
     log_name : str
     speed : float
-        Mean speed, rad/s (m/s).
+        Mean speed, rad/s (m/s); of a Bode diagram, which states none, the one at which the design's response is taken.
     responses : dict of name to Response
         ``plant`` and the closed loops whose reference was excited.
     model : complex array, shape (n,)
@@ -180,13 +181,15 @@ class FrequencyResponse(Result):
 
     @property
     def trusted(self) -> bool:
-        """Whether the fitted axis may be taken: false for a log without excitation whose response is no linear axis."""
-        return all(notice.code != NO_EXCITATION for notice in self.notices)
+        """Whether the fitted axis may be taken: false where nothing is excited, or the response is that of no axis."""
+        return not {notice.code for notice in self.notices} & {NO_EXCITATION, NOT_LINEAR}
 
     @property
     def verdict(self) -> str:
-        """ "trusted" or "doubted": whether the fitted axis may be taken."""
-        return "trusted" if self.trusted else "doubted"
+        """Whether the fitted axis may be taken: "trusted", "doubted" without an excitation, or "not_linear"."""
+        if self.trusted:
+            return "trusted"
+        return "not_linear" if any(notice.code == NOT_LINEAR for notice in self.notices) else "doubted"
 
     @property
     def plant(self) -> Response:

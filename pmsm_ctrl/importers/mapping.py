@@ -119,7 +119,10 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
     for channel in wanted:
         if channel not in CHANNELS:
             near, known = nearest(channel, CHANNELS), ", ".join(CHANNELS)
-            raise LogError(f"{table.file}: [log] maps unknown channel '{one_line(channel)}'{near} (known: {known})")
+            place = f"{table.file}: the mapping"
+            if design is not None and channel not in (mapping or {}):
+                place = f"{design.source or table.file}: [log.channels] of the design"
+            raise LogError(f"{place} names unknown channel '{one_line(channel)}'{near} (known: {known})")
     scales = dict(design.log.scale) if design is not None else {}
     stated = {channel: stated_factor(table, spec) for channel, spec in wanted.items()}
     chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, (_, spec) in stated.items()}

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.design import CurrentLoop, Design
-from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.delays import delays
 from pmsm_ctrl.tune.margins import response
@@ -21,11 +21,10 @@ from pmsm_ctrl.tune.requirements import Specification
 from pmsm_ctrl.tune.sampled import current_loop
 
 __all__ = [
-    "METHODS", "check_bandwidth", "check_method", "highest_bandwidth", "modulus_optimum", "phase_limit",
+    "check_bandwidth", "highest_bandwidth", "modulus_optimum", "phase_limit",
     "pi_for_margin", "pole_cancellation", "tune_current",
 ]  # fmt: skip
 
-METHODS = ("modulus_optimum", "pole_cancellation", "bandwidth")
 LEAST_LAG = math.radians(3.0)  # smallest lag of the PI at crossover: T_n of about 19 / omega_c
 
 
@@ -91,12 +90,11 @@ def tune_current(design: Design, specification: Specification | None = None) -> 
     Raises
     ------
     RequestError
-        For an unknown method, or a bandwidth that the delay does not allow: the message gives the highest one.
+        For a bandwidth that the delay does not allow: the message gives the highest one.
     """
     wanted = specification or Specification()
     method, asked, phase_margin = wanted.current, wanted.current_bandwidth, wanted.phase_margin
     R, L_q, L_d = _assumed(design)
-    check_method("current loop", method, METHODS)
     if not 5.0 <= phase_margin <= 85.0:
         raise RequestError(
             f"current loop: phase margin of {phase_margin:g} deg asked for; between 5 and 85 deg is possible"
@@ -129,18 +127,6 @@ def _loop(gains: list[tuple[float, float]]) -> CurrentLoop:
     if math.isclose(K_p, K_d, rel_tol=1e-9) and math.isclose(T_n, T_d, rel_tol=1e-9):
         return CurrentLoop(K_p=K_p, T_n=T_n)
     return CurrentLoop(K_p=K_p, T_n=T_n, K_p_d=K_d, T_n_d=T_d)
-
-
-def check_method(loop: str, method: str, known: tuple[str, ...]) -> None:
-    """Refuse a method that does not exist.
-
-    Raises
-    ------
-    RequestError
-        Naming the known methods.
-    """
-    if method not in known:
-        raise RequestError(f"{loop}: unknown method '{method}'{nearest(method, known)} (known: {', '.join(known)})")
 
 
 def check_bandwidth(loop: str, bandwidth: float | None, limit: float, phase_margin: float, why: str) -> float:

@@ -47,6 +47,8 @@ class Margins:
         Largest abs(S) and abs(T).
     crossover : float
         Lowest frequency with abs(L) = 1, Hz. A resonance may cross again further up.
+    phase_margin_crossover : float
+        The one of these frequencies at which the phase margin is, Hz.
     phase_crossover : float
         Frequency of the gain margin: phase -180 deg, Hz.
     bandwidth : float
@@ -62,6 +64,7 @@ class Margins:
     sensitivity_peak: float
     complementary_peak: float
     crossover: float
+    phase_margin_crossover: float
     phase_crossover: float
     bandwidth: float
 
@@ -77,6 +80,7 @@ class Margins:
             "phase_margin_deg": self.phase_margin, "delay_margin_s": self.delay_margin,
             "disk_margin": self.disk_margin, "sensitivity_peak": self.sensitivity_peak,
             "complementary_peak": self.complementary_peak, "crossover_hz": self.crossover,
+            "phase_margin_crossover_hz": self.phase_margin_crossover,
             "phase_crossover_hz": self.phase_crossover, "bandwidth_hz": self.bandwidth,
         }  # fmt: skip
 
@@ -127,16 +131,18 @@ def margins(loop: Any, omega: Array | None = None) -> Margins:
     lag = np.where(phase >= 0.0, phase, phase + 360.0)
     up, down = gain > 1.0, gain < 1.0
     S, T = 1.0 / (1.0 + L), L / (1.0 + L)
+    nearest = int(np.argmin(np.abs(phase))) if phase.size else -1
     return Margins(
         stable=None if given else _stable(loop),
         gain_margin=float(gain[up].min()) if up.any() else math.inf,
         gain_reduction=float(gain[down].max()) if down.any() else 0.0,
-        phase_margin=float(phase[np.argmin(np.abs(phase))]) if phase.size else math.inf,
+        phase_margin=float(phase[nearest]) if phase.size else math.inf,
         delay_margin=float((np.radians(lag) / w_gain).min()) if phase.size else math.inf,
         disk_margin=float(1.0 / np.abs(0.5 * (S - T)).max()),
         sensitivity_peak=float(np.abs(S).max()),
         complementary_peak=float(np.abs(T).max()),
         crossover=float(np.min(w_gain)) / (2.0 * math.pi) if phase.size else math.nan,
+        phase_margin_crossover=float(w_gain[nearest]) / (2.0 * math.pi) if phase.size else math.nan,
         phase_crossover=float(w_phase[up][np.argmin(gain[up])]) / (2.0 * math.pi) if up.any() else math.nan,
         bandwidth=first_crossing(omega, np.abs(T), math.sqrt(0.5)) / (2.0 * math.pi),
     )

@@ -171,7 +171,13 @@ def _brief(found: Margins) -> tuple[str, ...]:
 
 def _margins(result: Tuning) -> Table:
     names = list(result.margins)
-    rows = [(label, *(_number(get(result.margins[name])) for name in names)) for label, get in QUANTITIES.items()]
+    shown = dict(QUANTITIES)
+    if any(m.phase_margin_crossover != m.crossover for m in result.margins.values() if math.isfinite(m.crossover)):
+        # a resonance crosses 1 again: the margin does not belong to the crossover above
+        place = list(shown).index("phase margin [deg]") + 1
+        further = ("phase margin, found at [Hz]", lambda m: m.phase_margin_crossover)
+        shown = dict([*list(shown.items())[:place], further, *list(shown.items())[place:]])
+    rows = [(label, *(_number(get(result.margins[name])) for name in names)) for label, get in shown.items()]
     highest = (_number(result.highest.get(name, math.nan)) for name in names)
     rows.append(("crossover that the delays allow [Hz]", *highest))
     asked = result.requirements

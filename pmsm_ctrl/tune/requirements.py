@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from numbers import Real
 from typing import TYPE_CHECKING
 
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.errors import RequestError, nearest
 
 if TYPE_CHECKING:
     from pmsm_ctrl.tune.margins import Margins
@@ -43,6 +45,14 @@ class Missed:
         return f"sensitivity peak {self.found:.2f} > {self.limit:g}"
 
 
+# What a loop can be asked to keep: a stable one has a phase margin below 180 deg, and a sensitivity that somewhere
+# is above 1 (Bode's integral). 0 deg, 0 dB and inf ask for nothing.
+REQUIRED = {
+    "phase_margin": (0.0, 180.0, " deg"), "gain_margin_db": (0.0, math.inf, " dB"),
+    "sensitivity_peak": (1.0, math.inf, ""),
+}  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Requirements:
     """Smallest margins accepted, nominally and at the worst corner of the tolerances.
@@ -60,6 +70,12 @@ class Requirements:
     phase_margin: float = 30.0
     gain_margin_db: float = 6.0
     sensitivity_peak: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name, (low, high, unit) in REQUIRED.items():
+            value = _number(name, getattr(self, name))
+            if not low <= value <= high:
+                raise RequestError(f"{name}: {value:g}; {low:g} to {high:g}{unit} was expected")
 
     def missed(self, found: Margins) -> tuple[Missed, ...]:
         """Return the requirements that a loop misses.
@@ -96,6 +112,11 @@ class Requirements:
 
 
 USUAL_MARGIN = 60.0  # deg
+METHODS: Mapping[str, tuple[str, ...]] = {
+    "current": ("modulus_optimum", "pole_cancellation", "bandwidth"),
+    "speed": ("symmetrical_optimum", "pole_placement", "bandwidth"),
+}
+NUMBERS, OPTIONAL = ("phase_margin", "damping", "a"), ("current_bandwidth", "speed_bandwidth", "position_gain", "at")
 
 
 @dataclass(frozen=True)
@@ -143,6 +164,14 @@ class Specification:
     requirements: Requirements = field(default_factory=Requirements)
 
     def __post_init__(self) -> None:
+        for loop, known in METHODS.items():
+            method = getattr(self, loop)
+            if method not in known:
+                close = nearest(str(method), known)
+                raise RequestError(f"{loop} loop: unknown method {method!r}{close} (known: {', '.join(known)})")
+        for name in NUMBERS + OPTIONAL:
+            if name in NUMBERS or getattr(self, name) is not None:
+                _number(name, getattr(self, name))
         for name in ("current_bandwidth", "speed_bandwidth", "phase_margin"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
@@ -154,3 +183,10 @@ class Specification:
                 "methods 'bandwidth' of both loops, 'pole_cancellation' of the current and 'pole_placement' of the "
                 "speed loop take one"
             )
+
+
+def _number(name: str, value: object) -> float:
+    """Return a number as it is; a text is none, also where it reads like one."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise RequestError(f"{name}: {value!r}; a number was expected")
+    return float(value)

@@ -49,7 +49,7 @@ class UnstableLoopError(RequestError):
     def __init__(self, loop: str, system: Any, found: Margins) -> None:
         super().__init__(
             f"{loop} loop: unstable with the gains given (phase margin {found.phase_margin:.1f} deg at "
-            f"{found.crossover:.4g} Hz); reduce them, or let `tune` find others"
+            f"{found.phase_margin_crossover:.4g} Hz); reduce them, or let `tune` find others"
         )
         self.loop, self.system, self.found = loop, system, found
 

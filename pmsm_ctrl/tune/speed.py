@@ -16,17 +16,16 @@ import numpy as np
 
 from pmsm_ctrl.design import Filter, SpeedLoop
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.tune.current import check_bandwidth, check_method, phase_limit, pi_for_margin
+from pmsm_ctrl.tune.current import check_bandwidth, phase_limit, pi_for_margin
 from pmsm_ctrl.tune.delays import Delays, delays
 from pmsm_ctrl.tune.margins import margins
 from pmsm_ctrl.tune.requirements import Specification
 from pmsm_ctrl.tune.sampled import Cascade, filters, pi, speed_plant
 
 __all__ = [
-    "METHODS", "highest_bandwidth", "open_loop", "pole_placement", "slowed", "symmetrical_optimum", "tune_speed",
+    "highest_bandwidth", "open_loop", "pole_placement", "slowed", "symmetrical_optimum", "tune_speed",
 ]  # fmt: skip
 
-METHODS = ("symmetrical_optimum", "pole_placement", "bandwidth")
 LEAST_A, MOST_A = 1.2, 50.0  # of the symmetrical optimum
 LEAST_LAG = math.radians(6.0)  # T_n of about 9.5 / omega_c: slower integrators reject loads too slowly
 
@@ -64,10 +63,9 @@ def tune_speed(
     Raises
     ------
     RequestError
-        For an unknown method or a bandwidth that the delays do not allow: the message gives the highest one.
+        For a bandwidth that the delays do not allow: the message gives the highest one.
     """
     wanted = specification or Specification()
-    check_method("speed loop", wanted.speed, METHODS)
     budget = delays(cascade.design, cascade.current, behind)
     if wanted.speed == "symmetrical_optimum":
         found = _symmetrical(cascade, budget, wanted, behind)

@@ -260,7 +260,7 @@ MUTATIONS = (
     Mutation("rank test: equal gains have ranks of their own", "evidence/tests.py",
              "(2 * np.cumsum(count) - count + 1)", "(2 * np.cumsum(count))", "unit/evidence/test_tests.py"),
     Mutation("margin: of several crossings the largest phase", "tune/margins.py",
-             "phase[np.argmin(np.abs(phase))]", "phase[np.argmax(np.abs(phase))]",
+             "int(np.argmin(np.abs(phase)))", "int(np.argmax(np.abs(phase)))",
              "unit/tune/test_margins.py -k python_control"),
     Mutation("response of a model: the rounding of its triangles stays", "tune/sampled.py",
              "states += solved(", "solved(", "unit/tune/test_margins.py -k all_frequencies"),

@@ -307,6 +307,10 @@ ASSUMED = "[motor]\nJ = 1.0\nK_t = 1.0\n[assumed]\n"
         ("[motor]\nJ = 'heavy'\nK_t = 1.0", ["motor.J", "'heavy'", "rotor inertia, kg m^2"]),
         ("[motor]\nJ = -1.0\nK_t = 1.0", ["motor.J", "-1.0", "greater than or equal to 1e-15"]),
         ("[motor]\nJ = nan\nK_t = 1.0", ["motor.J", "nan", "finite"]),
+        ("[motor]\nJ_kg_cm2 = -1.4\nK_t = 1.0", ["motor.J_kg_cm2: found -1.4, which is J = -0.00014, but it should"]),
+        (f"{ASSUMED}K_t_rms = -1.0", ["assumed.K_t_rms: found -1.0, which is K_t = -0.707107, but it should be"]),
+        ("[motor]\nJ = 1.0\nK_t = 1.0\n[log]\nwindow = [30, 2]", ["log.window: found [30, 2], but the first time"]),
+        ("[motor]\nJ = 1.0\nK_t = 1.0\n[log.scale]\nomega = 0", ["log.scale: omega = 0, but a factor other than 0"]),
         ("[motor]\nJ = 1.0\nK_t = 1.0\nJ_load = 2.0", ["motor.J_load", "unknown field", "known: "]),
         (
             "[motor]\nJ = 1.0\nK_t = 1.0\nR = 1.0\nL_d = 1e-3\nL_q = 1e-3\np = 4",

@@ -325,12 +325,23 @@ def test_every_command_has_a_next_one() -> None:
     assert set(COMMANDS) - set(GIVEN) <= {"init", "workbench", "schema"}
 
 
+def test_a_page_that_exists_is_not_offered_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = {"words": ["logs"], "output": "r"}
+    assert next_step("fleet", given) == "pmsm-ctrl fleet report r --output fleet.html"
+    Path("fleet.html").touch()
+    assert next_step("fleet", given) == "pmsm-ctrl fleet report r --output fleet-2.html"
+
+
 def test_a_page_of_a_fleet_leads_to_the_log_of_an_axis() -> None:
     given = {"words": ["report", "results"], "output": "fleet.html"}
     assert next_step("fleet", given) == "pmsm-ctrl diagnose LOG --design DESIGN --output new.toml"
     for words in ["logs"], ["example", "night"]:  # the page is written already; the same again would evaluate nothing
         given = {"words": words, "report": Path("night.html"), "design": Path("a.toml")}
         assert next_step("fleet", given) == "pmsm-ctrl diagnose LOG --design a.toml --output new.toml"
+    given = {"words": ["logs"], "report": Path("p.html"), "odd": ("logs/c.csv", "c.toml"), "effects": Path("own.py")}
+    follows = "pmsm-ctrl diagnose logs/c.csv --design c.toml --output new.toml --effects own.py"
+    assert next_step("fleet", given) == follows
     assert next_step("fleet", {"words": ["example", "night"]}) == "pmsm-ctrl fleet night/run.toml"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +102,48 @@ def test_what_overflows_on_a_logs_own_values_says_where() -> None:
         value_at(effect, {"omega": 40.0, "k": 2.0})
     spoiled = {"omega": np.array([0.0, np.nan, 5.0])}  # a signal that is none is not the effect's fault
     assert np.isfinite(column(effect, spoiled, {"k": 2.0})).sum() == 2
+
+
+# What the parameter says, what the function returns, and what is answered.
+UNEVALUATED = {
+    'linear=True': ("k * k * math.sqrt(abs(omega)) * direction", "function 'drag' is not linear in k as stated: at "),
+    'linear = True': ("k * omega + 0.1 * direction", "function 'drag' is not linear in k as stated: at "),
+    '': ("k * math.sqrt(abs(omega)) * direction", "no parameter multiplies its term, .* linear=True.* was expected"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("stated", UNEVALUATED)
+def test_a_term_that_no_regression_evaluates_as_stated_is_refused(tmp_path: Path, stated: str) -> None:
+    expression, answer = UNEVALUATED[stated]
+    path = written(tmp_path, expression)
+    path.write_text(path.read_text(encoding="utf-8").replace("linear=True", stated), encoding="utf-8")
+    with pytest.raises(RequestError, match=f"effect 'seal_drag': {answer}") as refused:
+        load_effects(path)
+    assert "\n" not in str(refused.value)
+
+
+def test_linear_parameters_that_multiply_each_other_are_refused() -> None:
+    def drag(omega: float, k: float, m: float) -> float:
+        return k * m * omega
+
+    first, second = (Parameter(name, "", 0.0, 0.0, 1.0, "", linear=True) for name in "km")
+    with pytest.raises(RequestError, match="is not linear in k, m as stated"):
+        catalogue_with([replace(own(lambda omega, k: k * omega), parameters=(first, second), term=kernel(drag))])
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "answer"),
+    [
+        ('enters="torque"', 'enters="tork"', "enters = 'tork'; did you mean 'torque'? (accepted: torque, "),
+        ('"N m", 0.0,', '"N m", -1.0,', "parameter 'k' starts at -1, but a start value should lie between"),
+    ],
+)  # fmt: skip
+def test_a_wrong_field_of_an_effect_is_one_line(tmp_path: Path, right: str, wrong: str, answer: str) -> None:
+    path = written(tmp_path, "k * omega")
+    path.write_text(path.read_text(encoding="utf-8").replace(right, wrong), encoding="utf-8")
+    with pytest.raises(RequestError) as refused:
+        load_effects(path)
+    assert str(refused.value).startswith(f"{path}: line 12: effect 'seal_drag': {answer}")
 
 
 def test_effects_of_the_catalogue_under_other_names_are_sound() -> None:

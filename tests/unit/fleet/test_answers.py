@@ -76,6 +76,32 @@ def test_an_effect_that_shows_once_is_no_property_of_an_axis() -> None:
     assert answered("r", once, {}).missing, "an axis with a single record has no second one"
 
 
+def test_a_log_that_is_a_copy_confirms_nothing() -> None:
+    """Three logs, of which the one that shows cogging is there twice under two dates."""
+    rows = [row for day in range(4) for row in of_record("a", day, 0.02, effects={"cogging": 1e-9} if day > 1 else {})]
+    digests = {f"logs/a/2026-03-{1 + day:02d}.csv": f"hash {min(day, 2)}" for day in range(4)}
+    assert answered("r", rows, {}).missing
+    report = answered("r", rows, {}, digests)
+    assert not report.missing
+    assert report.axes[0].records == 3
+    (notice,) = (one for one in report.notices if one.code == "logs_are_copies")
+    assert "2026-03-04.csv" in notice.text
+    assert answered("r", rows, {}, dict.fromkeys(digests, "")).missing, "a hash that is not known is no hash"
+
+
+def test_a_log_that_no_effect_explains_is_named_and_the_odd_one_is_known() -> None:
+    rows = [
+        row for day in range(3) for row in of_record("b", day, 0.02, verdict="unexplained" * (day == 1), text="why")
+    ]
+    report = answered("r", rows, {})
+    assert [(one.axis, one.reason) for one in report.unexplained] == [("b", "why")]
+    assert "Unexplained logs" in report.summary(width=400)
+    assert report.odd_log == ""
+    rows += [row for day in range(4) for row in of_record("c", day, 0.02, effects={"cogging": 1e-9} if day < 3 else {})]
+    report = answered("r", rows, {}, designs={"c": "c.toml"})
+    assert (report.odd_log, report.odd_design) == ("logs/c/2026-03-03.csv", "c.toml")
+
+
 def test_the_rate_of_false_discoveries_over_the_fleet() -> None:
     """200 axes with one record, 180 of which lack nothing, with p-values as they are then: uniform."""
     shares = []

@@ -12,9 +12,11 @@ import pytest
 
 from pmsm_ctrl import Design, fleet, identify, read_log
 from pmsm_ctrl.cli import main
+from pmsm_ctrl.effects.loading import load_effects
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.fleet import Engine, FleetResult, Manifest, Row, Store, read_manifest
 from pmsm_ctrl.fleet import evaluate as evaluation
+from pmsm_ctrl.fleet.run import _require_parameters
 
 pytest.importorskip("pyarrow")
 ALONE = Engine(jobs=1)
@@ -67,6 +69,34 @@ def test_what_is_done_is_not_done_again(
     design.write_text(Path(manifest.design).read_text(encoding="utf-8") + "\n", encoding="utf-8")
     fleet(replace(manifest, design=str(design)), engine=ALONE)
     assert len(asked) == 5, "another design"
+
+
+@pytest.mark.parametrize("name", ["F_x", "cogging 24.F_c", "nothing.F_c"])
+def test_a_limit_of_no_parameter_is_refused_before_the_work(two_axes: Path, tmp_path: Path, name: str) -> None:
+    manifest = replace(read_manifest(two_axes / "run.toml"), limits={name: 0.085}, results=str(tmp_path / "results"))
+    with pytest.raises(RequestError, match=r"\[limits\] .*: no parameter has this name.*known: J, R, .*F_c, F_v"):
+        fleet(manifest)
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_fleet_of_which_no_log_can_be_evaluated_fails(
+    tmp_path: Path, two_axes: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "logs" / "a").mkdir(parents=True)
+    (tmp_path / "logs" / "a" / "2026-03-01.csv").write_text("t,omega\n", encoding="utf-8")
+    design = read_manifest(two_axes / "run.toml").design
+    for _ in range(2):  # also when it is known from the first run
+        words = ["fleet", str(tmp_path / "logs"), "-d", design, "-o", str(tmp_path / "r"), "-j", "1"]
+        with pytest.raises(SystemExit) as left:
+            main(words)
+        assert left.value.code == 1
+        assert "fleet: none of 1 log could be evaluated; the first: " in capsys.readouterr().err
+
+
+def test_limits_of_own_effects_and_of_found_ones_are_known(own: Manifest) -> None:
+    seal = load_effects(own.effects)
+    names = ("J", "F_c", "F_c#2", "k_seal", "cogging 24.a_c", "seal_drag.k_seal")
+    _require_parameters(dict.fromkeys(names, 1.0), [Design.read(own.design)], seal)
 
 
 @pytest.mark.slow

@@ -133,6 +133,8 @@ def test_every_layout_gives_the_same_axis(seed, axis, tmp_path, layout):
         assert values["damping"] == pytest.approx(D, rel=0.2)
         assert {"frf_file_interpreted", "frf_resonance_not_in_design"} <= {one.code for one in result.notices}
         assert 0.5 < result.misfit < 2.0
+        said = " ".join(result.summary().split())
+        assert f"Hz; the file states no speed, the design's is that at {default_speed(seed):.3g} rad/s" in said
 
 
 @pytest.mark.parametrize(("size", "angle"), [("dB", "deg"), ("dB", "rad"), ("linear", "deg"), ("linear", "rad")])

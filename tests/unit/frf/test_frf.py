@@ -19,7 +19,8 @@ from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import LogError, NotExcitedError
 from pmsm_ctrl.evidence.local_polynomial import Local
 from pmsm_ctrl.frf import FrequencyResponse, Response
-from pmsm_ctrl.frf.fit import fit_axis
+from pmsm_ctrl.frf.fit import Axis, fit_axis
+from pmsm_ctrl.frf.frf import _nonlinear
 from pmsm_ctrl.frf.measured import _beside, _passive, _ratio, counted, measured_axis
 from pmsm_ctrl.frf.notices import NOISE_ANSWERED
 from pmsm_ctrl.frf.present import _range
@@ -202,9 +203,30 @@ def test_a_response_that_holds_no_inertia_is_refused(seed: Design) -> None:
         frf(coarse, Log({name: log[name] for name in ("t", "theta", "i_q")}))
 
 
-def test_an_axis_that_reverses_is_doubted(seed: Design) -> None:
-    codes = [one.code for one in frf(seed, simulate(seed, multisine(design=seed, bias=0.0), seed=4)).notices]
-    assert {"frf_axis_reverses", "frf_misfit"} <= set(codes)
+def test_an_axis_that_reverses_is_doubted(seed: Design, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = simulate(seed, multisine(design=seed, bias=0.0), seed=4)
+    result = frf(seed, log)
+    assert {"frf_axis_reverses", "frf_misfit"} <= {one.code for one in result.notices}
+    assert result.notices[0].code == "frf_axis_not_linear"
+    assert (result.trusted, result.verdict, result.measured) == (False, "not_linear", seed)
+    log.write_csv(tmp_path / "log.csv")
+    seed.write(tmp_path / "axis.toml")
+    given = ["frf", str(tmp_path / "log.csv"), "--design", str(tmp_path / "axis.toml")]
+    assert run(app, given) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("next: pmsm-ctrl simulate ")
+    assert run(app, [*given, "--output", str(tmp_path / "new.toml")]) == 1
+    assert not (tmp_path / "new.toml").exists()
+    assert "new.toml: not written: the residual of the fitted axis is" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("factor", "misfit", "taken"), [(3.2, 1.5, False), (3.2, 1.0, True), (2.8, 1.5, True)])
+def test_an_inertia_far_off_is_doubted_where_the_axis_does_not_explain_the_response(
+    seed: Design, factor: float, misfit: float, taken: bool
+) -> None:
+    """A design that states the motor alone is told so; one beside a residual that is no noise is not."""
+    for J in (factor * seed.J, seed.J / factor):
+        axis = Axis(np.array([math.log(J), 0.0, 0.0, 0.0]), 1e-6 * np.eye(4), misfit, 1e-8)
+        assert (_nonlinear(seed, [], axis) is None) is taken
 
 
 def test_without_a_reference_the_bias_is_said(seed: Design, sprung: Log) -> None:

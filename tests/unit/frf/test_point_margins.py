@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -106,3 +107,20 @@ def test_points_and_axis_of_a_log_agree(designs: Path) -> None:
         assert abs(one.value - fitted.value) < 4.0 * one.stderr
         assert one.stderr > fitted.stderr
     assert "measured points" in result.summary()
+
+
+def test_the_phase_margin_says_at_which_crossing_it_is(designs: Path) -> None:
+    """Of a loop that a resonance takes through 1 again, the margin is beside a crossover that is not its own."""
+    mass = SecondMass(J_load=4e-5, k=15.0, d=0.002)
+    loop, f = axis(FREQUENCY, mass) * controller(FREQUENCY), np.geomspace(5.0, 900.0, 120)
+    true = margins(measured(loop, 2.0 * math.pi * FREQUENCY))
+    points = Response("plant", f, axis(f, mass), 1e-3 * np.abs(axis(f, mass)), np.ones(120), "", 1.0)
+    found = point_margins(points, axis(f, mass), FREQUENCY, loop)
+    assert true.phase_margin_crossover > 1.5 * true.crossover
+    assert found["phase_margin_crossover"][0] == pytest.approx(true.phase_margin_crossover, rel=1e-3)
+    design = Design.read(designs / "seed_motor.toml")
+    rigid = frf(design, simulate(design, chirp(design=design, duration=2.5), seed=1))
+    assert "phase_margin_crossover" in rigid.to_dict()["margins"]
+    assert "found at" not in rigid.summary()
+    other = (rigid.margins["crossover"][0], 2.0 * rigid.margins["crossover"][1])
+    assert "found at" in replace(rigid, margins={**rigid.margins, "phase_margin_crossover": other}).summary()

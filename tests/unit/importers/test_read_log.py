@@ -283,6 +283,13 @@ def test_bad_mapping(tmp_path: Path, mapping: dict[str, str], words: tuple[str, 
         assert word in str(caught.value)
 
 
+def test_a_channel_that_the_design_misspells_is_said_of_the_design(tmp_path: Path, designs: Path) -> None:
+    text = (designs / "seed_motor.toml").read_text(encoding="utf-8") + '\n[log.channels]\nomegga = "n [rpm]"\n'
+    (tmp_path / "axis.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(LogError, match=r"axis.toml: \[log.channels\] of the design names unknown channel 'omegga'"):
+        read_log(write(tmp_path, FOREIGN), Design.read(tmp_path / "axis.toml"))
+
+
 def test_ambiguous_name_asks_for_a_number(tmp_path: Path) -> None:
     text = "t [s],x,x,i_q [A]\n0,1,2,3\n1,1,2,3\n"
     with pytest.raises(LogError, match="'x' appears 2 times; name it by its number: #2 or #3"):

@@ -13,7 +13,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune import current, position, speed
 from pmsm_ctrl.tune.delays import delays
 from pmsm_ctrl.tune.margins import margins, response
-from pmsm_ctrl.tune.requirements import Specification
+from pmsm_ctrl.tune.requirements import Requirements, Specification
 from pmsm_ctrl.tune.sampled import Cascade, current_loop
 
 MACHINES = ("seed_motor", "small_servo", "servo_2kw")
@@ -209,3 +209,25 @@ def test_stiffness_at_low_frequency_is_that_of_the_gains(seed_motor):
     assert found.position_dynamic < found.position_proportional
     # The least stiffness of the speed loop of a double pole is about J times the peak's bandwidth.
     assert found.speed_dynamic == pytest.approx(1.032 * 0.03, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Specification(speed="bandwith"), "speed loop: unknown method 'bandwith'; did you mean 'bandwidth'"),
+        (lambda: Specification(current=3), "current loop: unknown method 3 .known: modulus_optimum, pole_canc"),
+        (
+            lambda: Specification(speed="bandwidth", speed_bandwidth="60"),
+            "speed_bandwidth: '60'; a number was expected",
+        ),
+        (lambda: Specification(damping=None), "damping: None; a number was expected"),
+        (lambda: Requirements(phase_margin=400), "phase_margin: 400; 0 to 180 deg was expected"),
+        (lambda: Requirements(phase_margin=-40.0), "phase_margin: -40; 0 to 180 deg was expected"),
+        (lambda: Requirements(sensitivity_peak=0.5), "sensitivity_peak: 0.5; 1 to inf was expected"),
+        (lambda: Requirements(gain_margin_db=math.nan), "gain_margin_db: nan; 0 to inf dB was expected"),
+        (lambda: Requirements(gain_margin_db="6"), "gain_margin_db: '6'; a number was expected"),
+    ],
+)
+def test_what_cannot_be_asked_of_a_loop_is_refused_where_it_is_stated(make, message):
+    with pytest.raises(RequestError, match=message):
+        make()

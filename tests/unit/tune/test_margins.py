@@ -64,6 +64,9 @@ def test_margins_of_points_are_those_of_python_control():
     assert len(at_gain) == 3
     assert found.phase_margin == pytest.approx(min(phase, key=abs), rel=1e-7)
     assert found.crossover == pytest.approx(at_gain.min() / (2.0 * math.pi), rel=1e-9)
+    where = at_gain[np.argmin(np.abs(phase))] / (2.0 * math.pi)
+    assert where > 1.5 * found.crossover
+    assert found.phase_margin_crossover == pytest.approx(where, rel=1e-9)
     beyond = gain > 1.0
     assert found.gain_margin == pytest.approx(gain[beyond].min(), rel=1e-7)
     assert found.gain_reduction == pytest.approx(gain[~beyond].max(), rel=1e-7)

@@ -6,8 +6,10 @@ import importlib
 import itertools
 import json
 import math
+import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import control as ct
 import numpy as np
@@ -313,3 +315,10 @@ def test_a_drive_without_computation_delay(root):
     found = tune(design, prove=False)
     assert found.delays.computation == 0.0
     assert found.margins["current"].stable
+
+
+def test_a_phase_margin_at_a_further_crossing_says_where(tuned):
+    assert "found at" not in tuned.summary()
+    speed = replace(tuned.margins["speed"], phase_margin_crossover=331.0)
+    again = replace(tuned, margins={**tuned.margins, "speed": speed})
+    assert re.search(r"phase margin, found at \[Hz\].* 331", again.summary(width=200))
