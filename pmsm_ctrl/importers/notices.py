@@ -63,7 +63,7 @@ SPEED_SPIKES = Template(
 )
 FROZEN_CHANNEL = Template(
     "frozen_channel",
-    "{channel} is frozen at {value:.4g} {unit} for {duration:.4g} s from t = {at:.6g} s: lost samples",
+    "{channel} is frozen at {value:.4g} {unit} for {duration:.4g} s from t = {at:.6g} s{more}: lost samples",
 )
 
 # -- one channel against another ----
