@@ -39,6 +39,7 @@ __all__ = [
     "assign",
     "find_column",
     "fits_axis",
+    "is_twin",
     "of_this_file",
     "stated_factor",
 ]
@@ -48,6 +49,7 @@ FACTOR = re.compile(
 )
 # a log needs at least one channel of each group
 REQUIRED = (("t",), ("theta", "omega"), ("i_q", "torque"))
+MEASURED = ("theta", "omega", "i_q", "torque")
 
 
 @dataclass(frozen=True)
@@ -315,6 +317,8 @@ def _unmapped(
     if guess:
         for i, column in free:
             channel = "t" if column.is_time else guess_channel(column.name)
+            if channel in MEASURED and channel in found:
+                _refuse_twins(table, channel, found[channel][0], i)
             if channel is None or channel in chosen or channel in found:
                 continue
             if has_letter(column.name) and not fits_axis(column.unit, channel, motion):
@@ -325,6 +329,28 @@ def _unmapped(
             if channel not in chosen and channel not in found:
                 found[channel] = (i, "guessed")
     return [(channel, i, how) for channel, (i, how) in found.items()]
+
+
+def is_twin(columns: Sequence[Column], one: int, other: int) -> bool:
+    """Return whether two columns of one time base have the same name and the same unit.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+    one, other : int
+    """
+    first, second = columns[one], columns[other]
+    return one != other and (first.name, first.unit, first.group) == (second.name, second.unit, second.group)
+
+
+def _refuse_twins(table: Table, channel: str, one: int, other: int) -> None:
+    """Refuse to guess between two columns of the same name: the numbers may tell which one is measured."""
+    if not is_twin(table.columns, one, other):
+        return
+    name = table.columns[one].label
+    message = f"{table.file}: column '{name}' appears more than once for channel '{channel}'; name it by its number: "
+    message += f"#{one + 1} or #{other + 1}"
+    raise MappingError(message, next_command=NextCommand.PROPOSE)
 
 
 def _lettered(free: Sequence[tuple[int, Column]], motion: str) -> dict[str, int]:
