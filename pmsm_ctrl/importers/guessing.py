@@ -320,6 +320,8 @@ def _drives(case: Case, t: Array) -> None:
     elif speed is not None and case.values[speed].size == t.size:
         gain = (unit_of(case.unit[speed]) or ("", 1.0))[1] * case.factor.get(speed, 1.0)
         moving = {"speed": case.values[speed] * gain}
+    if moving:
+        _by_acceleration(case, t, moving)
     if moving and not any(case.at(name) is not None for name in DRIVES):
         tried = {
             i: drive_balance(t, case.values[i], **moving)
@@ -342,6 +344,31 @@ def _drives(case: Case, t: Array) -> None:
         same = moving if case.values[i].size == t.size else {}
         chosen = drive_unit(case.values[i], case.unit[i], case.role[i], t, same, case.design)
         _settle(case, i, chosen)
+
+
+def _by_acceleration(case: Case, t: Array, moving: Mapping[str, Array]) -> None:
+    """Choose between drive signals that are named alike: the one that acceleration and friction explain."""
+    for channel in DRIVES:
+        taken = case.at(channel)
+        rivals = [i for i in case.rivals.get(taken, []) if i not in case.role] if taken is not None else []
+        if taken is None or not rivals:
+            continue
+        tried = {
+            i: drive_balance(t, case.values[i], **moving) for i in (taken, *rivals) if case.values[i].size == t.size
+        }
+        fitting = [i for i, one in tried.items() if one.left < EXPLAINED and one.certain > CERTAIN]
+        best = min(fitting, key=lambda i: tried[i].left, default=taken)
+        near = [i for i in fitting if tried[i].left < tried[best].left + LITTLE_MORE]
+        if len(near) > 1:
+            best = settle(case, channel, near)
+        if best != taken:
+            case.exchange(taken, best, f"of {len(rivals) + 1} columns that are named so")
+        if best in fitting:
+            case.why[best].append(f"acceleration and friction explain {100 * (1 - tried[best].left):.0f} % of it")
+        for i in (taken, *rivals):
+            if i != best and i not in case.role:
+                share = f"{100 * max(0.0, 1 - tried[i].left):.0f} %" if i in tried else "an unknown share"
+                case.seen_as.setdefault(i, f"{channel} as well; acceleration and friction explain {share} of it")
 
 
 def _settle(case: Case, i: int, chosen: DriveUnit) -> None:

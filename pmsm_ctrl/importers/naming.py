@@ -66,6 +66,7 @@ class Case:
         self.doubts: list[Notice] = []
         self.assumed: list[tuple[str, str]] = []
         self.seen_as: dict[int, str] = {}
+        self.rivals: dict[int, list[int]] = {}
         self.clock: Guess | None = None
         self.motion = design.motion if design is not None else "rotary"
 
@@ -90,6 +91,15 @@ class Case:
         self.role[i] = channel
         self.why.setdefault(i, []).extend(reasons)
         self.unit.setdefault(i, self.columns[i].unit)
+
+    def exchange(self, old: int, new: int, *reasons: str) -> None:
+        """Decide that a column is the channel that another one was taken for; what was doubted of it goes along."""
+        channel = self.role.pop(old)
+        self.take(new, channel, *reasons)
+        label = self.columns[old].label
+        for k, doubt in enumerate(self.doubts):
+            if doubt.code == say.UNSURE_NAME.code and doubt.detail["column"] == label:
+                self.doubts[k] = say.UNSURE_NAME(**{**doubt.detail, "column": self.columns[new].label})
 
     def free(self, group: int) -> list[int]:
         """Return the columns of a time base that vary and are no channel yet."""
@@ -139,13 +149,17 @@ def take_by_name(case: Case) -> None:
         if channel not in case.role.values() and not case.spoiled(i):
             case.take(i, channel, f"named '{case.columns[i].name}'")
     for i, channel, said, unsure in sorted(words, key=lambda one: (bool(one[3]), one[0] in bare)):
-        if channel in case.role.values() or case.spoiled(i):
+        taken = case.at(channel)
+        if taken is not None and unsure and i not in case.role and taken in case.rivals and not case.spoiled(i):
+            case.rivals[taken].append(i)  # named as vaguely: the motion may tell which of them drives it
+        if taken is not None or case.spoiled(i):
             continue
         if channel == "torque" and "command" in unsure and "i_q" in case.role.values():
             case.seen_as[i] = unsure
             continue
         case.take(i, channel, f"its name contains {said}", *([unsure] if unsure else []))
         if unsure:
+            case.rivals[i] = []
             case.doubts.append(say.UNSURE_NAME(column=case.columns[i].label, channel=channel, reason=unsure))
     for channel in ("theta", "omega", "i_q", "torque"):
         _settle_twins(case, channel)

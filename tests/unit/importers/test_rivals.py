@@ -95,3 +95,17 @@ def test_written_japanese(name: str, channel: str | None) -> None:
     found = meaning_of(name)
     assert (found.channel if found is not None else None) == channel
     assert says_reference(name) == ("指令" in name)
+
+
+def test_of_two_currents_the_one_that_accelerates_the_axis(tmp_path: Path, axis: dict[str, np.ndarray]) -> None:
+    ripple, head = 0.01 * np.sin(np.arange(N)), "Time [s],Speed [rad/s],Current 1 [A],Current 2 [A]"
+    found = proposed(tmp_path / "a.csv", head, axis["omega"], ripple, axis["i_q"])
+    assert found.mapping["i_q"] == "Current 2 [A]"
+    assert dict(found.unused)["Current 1 [A]"].startswith("i_q as well; acceleration and friction explain")
+    (doubt,) = [notice for notice in found.notices if notice.code == "unsure_name"]
+    assert doubt.detail["column"] == "Current 2 [A]"
+    found = proposed(tmp_path / "b.csv", head, axis["omega"], axis["i_q"], ripple)
+    assert found.mapping["i_q"] == "Current 1 [A]"
+    again = axis["i_q"] + np.random.default_rng(9).normal(0.0, 0.01, N)
+    found = proposed(tmp_path / "c.csv", head, axis["omega"], axis["i_q"], again)
+    assert "two_columns_fit" in [notice.code for notice in found.notices]
