@@ -70,8 +70,16 @@ def guesses(
         said = ", ".join(f"{unit} for {channel}" for channel, unit in dict.fromkeys(case.assumed))
         case.doubts.append(say.UNIT_ASSUMED(channels=[channel for channel, _ in case.assumed], units=said))
     made += [case.clock] if case.clock is not None else []
-    left = [(case.columns[i].label, case.seen_as.get(i, "not recognised")) for i in case.usable if i not in case.role]
+    left = [(column.label, _seen_as(case, i)) for i, column in enumerate(case.columns)
+            if i not in case.role and (column.label or not column.is_text)]  # fmt: skip
     return [guess for guess in made if guess is not None], left, case.doubts
+
+
+def _seen_as(case: Case, i: int) -> str:
+    """Return what a column that is no channel seems to be."""
+    column = case.columns[i]
+    default = "text" if column.is_text else "the time of the columns that follow it" if column.is_time else ""
+    return case.seen_as.get(i) or default or "not recognised"
 
 
 def _is_linear(case: Case) -> bool:

@@ -69,6 +69,8 @@ class ImportReport(Result):
         Columns that are no channel.
     accepted : tuple of Notice
         Doubts of the proposed mapping that were accepted with it: they still are reasons to doubt the log.
+    remarks : tuple of str
+        Those notes of the log that neither the layout nor the channels tell: what was interpolated, dropped, unwrapped.
     """
 
     log: Log
@@ -81,6 +83,7 @@ class ImportReport(Result):
     table: str
     unused: tuple[str, ...] = field(default=())
     accepted: tuple[Notice, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def assumed(self) -> tuple[str, ...]:
@@ -144,6 +147,7 @@ def describe(
     log, table, assignment = read_all(path, design, mapping, name)
     used = {source.column for source in assignment.sources}
     unused = [c.label for i, c in enumerate(table.columns) if i not in used and not c.is_time]
+    told = {*assignment.notes, *(note for note in table.notes if note.startswith("read as "))}
     with np.errstate(all="ignore"):
         return ImportReport(
             log=log,
@@ -155,6 +159,7 @@ def describe(
             delays=delays(log),
             table=log_table(table, assignment),
             unused=tuple(name for name in unused if name),
+            remarks=tuple(note for note in log.provenance.notes if note not in told),
         )
 
 

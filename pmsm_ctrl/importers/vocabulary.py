@@ -10,7 +10,7 @@ import unicodedata
 from dataclasses import dataclass
 from functools import lru_cache
 
-__all__ = ["Meaning", "meaning_of", "says_measured", "says_reference"]
+__all__ = ["Meaning", "begins_with_time", "meaning_of", "says_measured", "says_reference"]
 
 _QUANTITIES = {
     "time": "time zeit temps tempo jikan timestamp zeitstempel",
@@ -131,6 +131,11 @@ def says_reference(name: str) -> bool:
     last, before = _parts(_last(name)), _parts(" ".join(re.split(r"[./\\:|]", name.strip())[-2:-1]))
     stated = set(_REFERENCES.split())
     return not stated.isdisjoint(last) or (stated.issuperset(before) and bool(before) and not _said_measured(last))
+
+
+def begins_with_time(name: str) -> bool:
+    """Whether a name begins with a word of time: ``Time current``, ``Zeit_2``, ``t2`` is none."""
+    return _KIND.get(next(iter(_parts(name)), "")) == ("quantity", "time")
 
 
 def says_measured(name: str) -> bool:

@@ -10,7 +10,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers import open_table, read_log
+from pmsm_ctrl.importers import describe, open_table, propose, read_log
 
 RPM = 0.10471975511965977
 
@@ -156,6 +156,34 @@ def test_repeated_time_columns_of_unequal_length(tmp_path: Path) -> None:
     assert log.provenance.importer == "CSV with repeated time columns"
     np.testing.assert_allclose(log.t, 1e-3 * np.arange(19))
     np.testing.assert_allclose(log["i_q"], 0.5 + 0.5 * np.arange(19))
+
+
+@pytest.mark.parametrize("names", [("Time Speed [ms]", "Time Current [ms]"), ("Zeit 1 [ms]", "Zeit 2 [ms]")])
+def test_a_second_time_column_of_another_name(tmp_path: Path, names: tuple[str, str]) -> None:
+    rows = [f"{k};{math.sin(0.1 * k):.6f};{2 * k + 5};{2 * k + 5}\n" for k in range(40)]
+    path = write(tmp_path, f"{names[0]};Position [rad];{names[1]};Iq [A]\n" + "".join(rows))
+    proposal = propose(open_table(path))
+    assert (names[1], "the time of the columns that follow it") in proposal.unused
+    log = read_log(path, mapping=proposal.mapping)
+    np.testing.assert_allclose(log["i_q"], 1e3 * log.t)
+    assert log["theta"][0] == pytest.approx(math.sin(0.5), abs=1e-6)
+    said = describe(path, mapping=proposal.mapping).summary(width=1000)
+    assert "Notes: i_q interpolated linearly from a raster of 2 ms to 1 ms; 5 samples outside the time" in said
+
+
+@pytest.mark.parametrize("last", ["Time to target [ms]", "Time limit [ms]"])
+def test_what_is_no_second_time(tmp_path: Path, last: str) -> None:
+    rows = [f"{k},{0.1 * k:.1f},{k % 7},{k}\n" for k in range(25)]
+    table = open_table(write(tmp_path, f"Time [ms],Position [rad],{last},Iq [A]\n" + "".join(rows)))
+    assert {column.group for column in table.columns} == {0}  # it does not increase
+    table = open_table(write(tmp_path, f"Time [ms],Position [rad],Iq [A],{last}\n" + "".join(rows)))
+    assert {column.group for column in table.columns} == {0}  # nothing follows
+
+
+def test_a_column_of_text_is_among_those_that_are_not_used(tmp_path: Path) -> None:
+    rows = [f"{k},{0.1 * k:.1f},0x12F,{k}\n" for k in range(25)]
+    path = write(tmp_path, "Time [ms],Position [rad],Status,Iq [A]\n" + "".join(rows))
+    assert propose(open_table(path)).unused == (("Status", "text"),)
 
 
 def test_groups_that_do_not_overlap(tmp_path: Path) -> None:
