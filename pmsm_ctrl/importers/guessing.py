@@ -23,6 +23,7 @@ from pmsm_ctrl.importers.names import counts_of, says_rms, unit_of, unit_spellin
 from pmsm_ctrl.importers.naming import AS_STATED, Case, Guess, fits, leave_constants, settle, take_by_name
 from pmsm_ctrl.importers.relations import drive_balance, rate_likeness, roughness
 from pmsm_ctrl.importers.rivals import alike
+from pmsm_ctrl.importers.strange_units import strange_unit
 from pmsm_ctrl.importers.table import Array, HeaderPeriod, Table
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.log import CHANNELS
@@ -79,7 +80,7 @@ def _seen_as(case: Case, i: int) -> str:
     """Return what a column that is no channel seems to be."""
     column = case.columns[i]
     default = "text" if column.is_text else "the time of the columns that follow it" if column.is_time else ""
-    return case.seen_as.get(i) or default or "not recognised"
+    return case.seen_as.get(i) or default or strange_unit(column, case.motion) or "not recognised"
 
 
 def _is_linear(case: Case) -> bool:

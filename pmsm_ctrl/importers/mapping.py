@@ -26,6 +26,7 @@ from pmsm_ctrl.errors import LogError, MappingError, NextCommand, nearest
 from pmsm_ctrl.importers.clock import is_clock
 from pmsm_ctrl.importers.names import counts_of, guess_channel, has_letter, split_header, unit_of, unit_spelling
 from pmsm_ctrl.importers.notices import OTHER_UNIT
+from pmsm_ctrl.importers.strange_units import strange_unit
 from pmsm_ctrl.importers.table import Column, Table, one_line
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.section import Notice
@@ -468,7 +469,8 @@ def _explain_unit(table: Table, group: tuple[str, ...], wanted: str) -> None:
         channel = guess_channel(column.name)
         if channel in group and column.unit:
             what = f"column '{column.label}' would be '{channel}', but its unit [{column.unit}] does not fit"
-            way = _way_out(column, column.unit, channel) or "map it and give its factor in [log.scale]"
+            way = _way_out(column, column.unit, channel) or strange_unit(column)
+            way = way or "map it and give its factor in [log.scale]"
             message = f"{table.file}: no channel {wanted}; {what}: {way}"
             raise MappingError(message, next_command=NextCommand.PROPOSE)
 

@@ -11,6 +11,7 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers import describe, open_table, propose, read_log
+from pmsm_ctrl.importers.names import unit_of
 
 RPM = 0.10471975511965977
 
@@ -184,6 +185,31 @@ def test_a_column_of_text_is_among_those_that_are_not_used(tmp_path: Path) -> No
     rows = [f"{k},{0.1 * k:.1f},0x12F,{k}\n" for k in range(25)]
     path = write(tmp_path, "Time [ms],Position [rad],Status,Iq [A]\n" + "".join(rows))
     assert propose(open_table(path)).unused == (("Status", "text"),)
+
+
+@pytest.mark.parametrize(
+    ("unit", "si"),
+    [("tr/min", RPM), ("giri/min", RPM), ("vueltas/min", RPM), ("mrad/s", 1e-3), ("tr/s", 2 * math.pi)],
+)
+def test_units_of_a_speed(unit: str, si: float) -> None:
+    assert unit_of(unit) == ("rad/s", pytest.approx(si))
+
+
+def test_units_of_milliamperes_and_milliradians() -> None:
+    assert unit_of("mA rms") == unit_of("mA eff") == ("A", pytest.approx(1e-3 * math.sqrt(2)))
+    assert unit_of("mrad") == ("rad", 1e-3)
+
+
+def test_a_unit_that_is_not_known_is_named(tmp_path: Path) -> None:
+    rows = [f"{k},{0.1 * k:.1f},{100 + k % 3},{k}\n" for k in range(25)]
+    path = write(tmp_path, "Time [ms],Position [rad],Speed Actual [1/s],Iq [A]\n" + "".join(rows))
+    said = "unit \"1/s\" is not known, and --map omega='Speed Actual [rpm]' states it"
+    assert propose(open_table(path)).unused == (("Speed Actual [1/s]", said),)
+    assert said in describe(path).summary(width=1000)
+    assert "omega" in read_log(path, mapping={"omega": "Speed Actual [rpm]"})
+    path = write(tmp_path, "Time [ms],Pos [foo],Speed Actual [1/s],Iq [A]\n" + "".join(rows))
+    with pytest.raises(LogError, match='unit "foo" is not known'):
+        read_log(path)
 
 
 def test_groups_that_do_not_overlap(tmp_path: Path) -> None:
