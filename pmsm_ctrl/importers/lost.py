@@ -1,4 +1,4 @@
-"""Physically impossible samples: positions that jump, speeds that spike, channels that freeze."""
+"""Physically impossible samples: positions that jump, speeds that spike, channels that freeze or are held."""
 
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ from pmsm_ctrl.importers.timebase import SAMPLE, quantum
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
 
-__all__ = ["freezes", "jumps", "lost_samples", "spikes"]
+__all__ = ["freezes", "jumps", "lost_samples", "period_of_steps", "spikes"]
 
 NEIGHBOURS = 3  # neighbouring steps on either side
 SPIKE = 3  # longest spike, samples
 FROZEN = 20  # samples; a shorter standstill is normal
+HELD = 2.5e-3  # s; the slowest speed loops hold a torque command for 2 ms
 MOVING = 0.02  # of the mean speed of a log; an axis that is slower rests, or creeps
+# channels that are looked at, each with the motion that shows whether the log itself is as slow
+_BESIDE = {"theta": ("omega",), "omega": ("theta",)} | dict.fromkeys(("i_q", "torque", "u_q"), ("theta", "omega"))
 
 
 def lost_samples(log: Log, design: Design | None = None) -> list[Notice]:
     """Return the physically impossible samples of a log, each kind with its first time."""
-    return [*_jumped(log, design), *_spiked(log), *_frozen_channels(log)]
+    return [*_jumped(log, design), *_spiked(log), *_frozen_channels(log), *_held_channels(log)]
 
 
 def _thinned(values: Array) -> Array:
@@ -157,3 +160,30 @@ def _driven(values: Array, speed: Array, start: int, steps: int) -> bool:
         return False
     # before it is enabled and after it is disabled a drive makes no current, and an axis that coasts moves
     return value != 0.0 or 0 < start < values.size - 1 - steps
+
+
+def period_of_steps(values: Array) -> int:
+    """Return the number of samples for which a channel is held; 0 where it is not, or not always as long.
+
+    Parameters
+    ----------
+    values : array, shape (n,)
+    """
+    places = np.flatnonzero(np.diff(values) != 0.0)
+    if places.size < 50 or places.size > 0.5 * len(values):
+        return 0
+    period = int(np.median(np.diff(places)))
+    return period if float(np.mean(np.diff(places) % period == 0)) > 0.9 else 0
+
+
+def _held_channels(log: Log) -> list[Notice]:
+    """Channels that change only at every so many samples, while the motion changes at each."""
+    out = []
+    for name, others in _BESIDE.items():
+        other = next((log[one] for one in others if one in log), None)
+        if name not in log or other is None or float(np.mean(np.diff(other) == 0.0)) > 0.5:
+            continue
+        period = period_of_steps(log[name])
+        if period > 2 and period * log.period > HELD:
+            out.append(say.HELD_CHANNEL(channel=name, periods=period, held_ms=1e3 * period * log.period))
+    return out

@@ -109,12 +109,27 @@ def test_a_channel_that_freezes_several_times(rng: np.random.Generator) -> None:
 
 def test_what_rests_or_is_held_or_coarse_or_switched_off_is_not_frozen(rng: np.random.Generator) -> None:
     i_q = record(rng)["i_q"]
-    assert lost_samples(record(rng, i_q=i_q[30 * (np.arange(T.size) // 30)])) == []  # at a lower rate
     assert lost_samples(record(rng, i_q=np.round(i_q, 2))) == []
     assert lost_samples(record(rng, i_q=0.1 * np.sign(OMEGA))) == []  # a command
     assert lost_samples(record(rng, i_q=np.where(T < 2.0, i_q, 0.0))) == []  # the axis coasts
     rests = np.where(T < 2.0, OMEGA, rng.normal(0.0, 0.01, T.size))
     assert lost_samples(record(rng, omega=rests, i_q=frozen(i_q, (2000, 999)))) == []
+
+
+@pytest.mark.parametrize("samples", [4, 10, 30])
+@pytest.mark.parametrize("channel", ["i_q", "theta", "omega"])
+def test_a_channel_that_is_held_was_recorded_at_a_lower_rate(
+    rng: np.random.Generator, channel: str, samples: int
+) -> None:
+    values = record(rng)[channel][samples * (np.arange(T.size) // samples)]
+    (found,) = [notice for notice in lost_samples(record(rng, **{channel: values})) if "jump" not in notice.code]
+    assert (found.code, found.detail["channel"], found.detail["periods"]) == ("held_channel", channel, samples)
+
+
+def test_a_command_of_a_speed_loop_is_no_held_channel(rng: np.random.Generator) -> None:
+    assert lost_samples(record(rng, i_q=record(rng)["i_q"][2 * (np.arange(T.size) // 2)])) == []
+    log = record(rng, i_q=record(rng)["i_q"][8 * (np.arange(T.size) // 8)])
+    assert lost_samples(log.with_channels(t=0.125 * T)) == []  # 1 ms, at 8 kHz
 
 
 @pytest.mark.parametrize("scenario", ["sweep", "chirp", "reversal", "positioning"])
