@@ -27,6 +27,7 @@ __all__ = ["check", "speed_doubts", "torque_factor", "velocity_factor"]
 MIN_SAMPLES = 32
 SURE = 0.999  # correlation of two rates above which the delay between them is that of the channels, not of their noise
 CERTAIN, INTERVAL = 12.0, 3.0  # standard errors of an inertia: that it counts at all, and that it is beyond a limit
+SLOWEST = 0.02  # s; a period above it is none of a log of a drive, but that of 20 us and more in a wrong unit
 _RPM = math.pi / 30.0
 
 
@@ -115,6 +116,8 @@ def speed_doubts(log: Log, design: Design | None) -> list[Notice]:
         return [say.SPEED_UNRELATED()]
     if abs(factor - 1.0) < 0.05:
         return []
+    if unit := _unit_of_time(log.period, factor):
+        return [say.SPEED_FACTOR(factor=factor, cause=f": t looks like {unit} read as s", time=unit)]
     known = [
         (-1.0, "opposite signs"),
         (_RPM, "omega looks like rpm read as rad/s"),
@@ -137,6 +140,12 @@ def speed_doubts(log: Log, design: Design | None) -> list[Notice]:
             (1.0 / design.load.gear, "speed of the motor, position of the load"),
         ]
     return [say.SPEED_FACTOR(factor=factor, cause=_suspect(factor, known))]
+
+
+def _unit_of_time(period: float, factor: float) -> str:
+    """Return the unit of time with which position and speed agree, empty where the period is that of a drive's log."""
+    found = next((unit for unit, size in (("ms", 1e-3), ("us", 1e-6)) if _near(factor, size)), "")
+    return found if period > SLOWEST else ""
 
 
 def _magnitude(log: Log) -> bool:
