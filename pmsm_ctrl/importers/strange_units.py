@@ -26,10 +26,11 @@ def strange_unit(column: Column, motion: str = "rotary") -> str:
         return ""
     meaning = meaning_of(column.name)
     channel = guess_channel(column.name) or (meaning.channel if meaning is not None else "")
-    if not channel:
+    if not channel or "%" in column.unit or "‰" in column.unit:  # of a rated value that nothing states
         return f'unit "{column.unit}" is not known'
     si = CHANNELS[channel][motion == "linear"]
-    return f"unit \"{column.unit}\" is not known, and --map {channel}='{column.name} [{_LIKELY.get(si, si)}]' states it"
+    spec = f"{channel}='{column.name} [{_LIKELY.get(si, si)}]'"
+    return f'unit "{column.unit}" is not known; --map {spec} states one that is'
 
 
 def strange_units(columns: Sequence[Column], motion: str) -> tuple[str, ...]:

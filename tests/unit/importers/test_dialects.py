@@ -203,9 +203,9 @@ def test_units_of_milliamperes_and_milliradians() -> None:
 def test_a_unit_that_is_not_known_is_named(tmp_path: Path) -> None:
     rows = [f"{k},{0.1 * k:.1f},{100 + k % 3},{k}\n" for k in range(25)]
     path = write(tmp_path, "Time [ms],Position [rad],Speed Actual [1/s],Iq [A]\n" + "".join(rows))
-    said = "unit \"1/s\" is not known, and --map omega='Speed Actual [rpm]' states it"
+    said = "unit \"1/s\" is not known; --map omega='Speed Actual [rpm]' states one that is"
     assert propose(open_table(path)).unused == (("Speed Actual [1/s]", said),)
-    assert said in describe(path).summary(width=1000)
+    assert f"Speed Actual [1/s]: {said}" in describe(path).remarks
     assert "omega" in read_log(path, mapping={"omega": "Speed Actual [rpm]"})
     path = write(tmp_path, "Time [ms],Pos [foo],Speed Actual [1/s],Iq [A]\n" + "".join(rows))
     with pytest.raises(LogError, match='unit "foo" is not known'):
