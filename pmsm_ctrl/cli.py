@@ -61,7 +61,8 @@ from pmsm_ctrl.options import (
 from pmsm_ctrl.workbench_command import WORKBENCH_COMMANDS
 
 if TYPE_CHECKING:
-    pass
+    from pmsm_ctrl.design import Design
+    from pmsm_ctrl.log import Log
 
 __all__ = ["app", "main"]
 
@@ -345,7 +346,6 @@ def import_log(
 ) -> None:
     """Show how a log file is read, or propose how. Ends with the [log] table that reads it again."""
     from pmsm_ctrl.files import require_distinct, require_new, write_text
-    from pmsm_ctrl.importers.confirmation import unconfirmed
 
     beside = output.with_name(f"{output.stem}.log.toml") if output is not None else None
     if beside is not None:
@@ -356,11 +356,20 @@ def import_log(
         result.log.write_csv(output)
         write_text(beside, result.table)
     finish("import", result, json_file=json_file, whole=True)
-    known = parse_map(mapping) | kept_mapping()
-    doubts = unconfirmed(result.log, design_if_given(design), known) if output is None else []
-    keep_verdict(doubts[0][1] if doubts else "")
+    keep_verdict(_still_doubted(result.log, design_if_given(design), mapping, written=output is not None))
     if output is not None and beside is not None:
         print(printable(f"log: {output}\nits [log] table, for a design: {beside}"))
+
+
+def _still_doubted(log: Log, design: Design | None, mapping: list[str] | None, *, written: bool) -> str:
+    """Return the channel that has to be confirmed before another command reads the log, or how what is written is."""
+    from pmsm_ctrl.importers.confirmation import of_written, unconfirmed
+
+    if written:
+        wrong, stated = of_written(log, design, parse_map(mapping))
+        return wrong or "\n".join(stated)
+    doubts = unconfirmed(log, design, parse_map(mapping) | kept_mapping())
+    return doubts[0][1] if doubts else ""
 
 
 @app.command()

@@ -208,14 +208,16 @@ def _mapped(given: Mapping[str, Any]) -> list[str]:
 def _after_import(given: Mapping[str, Any], doubted: str) -> tuple[Any, ...]:
     """Return the words that compare the log as it was imported: as it was written, or by the same mapping.
 
-    `doubted` is a channel whose unit or sign has to be confirmed first: no other command reads the log before.
+    `doubted` is a channel whose unit or sign has to be confirmed first: no other command reads the log before. Or it is
+    how the written log has to be read, one mapping a line.
     """
-    if doubted:
+    if doubted and "=" not in doubted:
         design = ("--design", given["design"]) if given.get("design") else ()
         return ("import", given["file"], *design, *_mapped(given), "--map", f"{doubted}=COLUMN [UNIT]")
     if not given.get("design"):
         return ("init", "axis")
-    log, mapped = (given["output"], []) if given.get("output") else (given["file"], _mapped(given))
+    again = {"mapping": doubted.splitlines()}
+    log, mapped = (given["output"], _mapped(again)) if given.get("output") else (given["file"], _mapped(given))
     return ("compare", log, "--design", given["design"], *mapped)
 
 

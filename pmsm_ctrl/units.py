@@ -25,10 +25,12 @@ DEGREE = math.pi / 180.0
 UNITS: dict[str, tuple[str, float]] = {
     "s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "µs": ("s", 1e-6), "ns": ("s", 1e-9), "min": ("s", 60.0),
     "rad": ("rad", 1.0), "deg": ("rad", DEGREE), "°": ("rad", DEGREE), "rev": ("rad", 2 * math.pi),
+    "mrad": ("rad", 1e-3), "mrad/s": ("rad/s", 1e-3),
     "rad/s": ("rad/s", 1.0), "rpm": ("rad/s", RPM), "1/min": ("rad/s", RPM), "min-1": ("rad/s", RPM),
     "deg/s": ("rad/s", DEGREE), "rev/s": ("rad/s", 2 * math.pi),
     "rad/s^2": ("rad/s^2", 1.0),
     "A": ("A", 1.0), "A peak": ("A", 1.0), "mA": ("A", 1e-3), "A rms": ("A", math.sqrt(2.0)),
+    "mA rms": ("A", 1e-3 * math.sqrt(2.0)), "mA peak": ("A", 1e-3),
     "V": ("V", 1.0), "mV": ("V", 1e-3),
     "N m": ("N m", 1.0), "Nm": ("N m", 1.0), "mN m": ("N m", 1e-3), "mNm": ("N m", 1e-3), "N*m": ("N m", 1.0),
     "m": ("m", 1.0), "mm": ("m", 1e-3), "um": ("m", 1e-6), "µm": ("m", 1e-6),

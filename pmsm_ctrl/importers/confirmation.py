@@ -13,7 +13,7 @@ from pmsm_ctrl.importers.notices import SPEED_FACTOR, TORQUE_FACTOR, TORQUE_SIGN
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
 
-__all__ = ["require_confirmed", "unconfirmed"]
+__all__ = ["of_written", "require_confirmed", "unconfirmed"]
 
 # Times the design's inertia; less is a load that the design does not know.
 INERTIA = 3.0
@@ -42,7 +42,7 @@ def require_confirmed(log: Log, design: Design | None, mapping: Mapping[str, str
         label = f"{log.provenance.file}: " if log.provenance.file else ""
         minus = f"--map {name}='-COLUMN [{log.unit(name)}]' turns its sign, and "
         raise LogError(
-            f"{label}{notice.text}; --map {name}='COLUMN [UNIT]' corrects the unit, "
+            f"{label}{notice.text}; --map {name}='COLUMN [{notice.detail.get('time') or 'UNIT'}]' corrects the unit, "
             f"{minus if notice.code == TORQUE_SIGN.code else ''}"
             f"--map {name}='COLUMN [{log.unit(name)}]' confirms it"
         )
@@ -67,12 +67,35 @@ def unconfirmed(log: Log, design: Design | None, mapping: Mapping[str, str] | No
     return [(notice, channels[-1]) for notice, channels in doubts if channels and not sure & set(channels)]
 
 
+def of_written(log: Log, design: Design | None, mapping: Mapping[str, str]) -> tuple[str, list[str]]:
+    """Return what is still to be stated of the canonical file that a log is written to, which keeps no confirmation.
+
+    Parameters
+    ----------
+    log, design
+        As `require_confirmed`.
+    mapping : mapping of str to str
+        What somebody has stated, channel by channel; a proposal that was taken as a whole is not.
+
+    Returns
+    -------
+    (str, list of str)
+        A channel whose unit has to be corrected first, empty where there is none, and the mappings of the others:
+        they turn a sign that nobody has confirmed.
+    """
+    again = [one for one in unconfirmed(log, design, {}) if one[0].code != UNIT_ASSUMED.code]
+    open_ones = {name: notice for notice, name in unconfirmed(log, design, mapping)}
+    wrong = next((name for _, name in again if name in open_ones and open_ones[name].code != TORQUE_SIGN.code), "")
+    signs = {name: "-" if name in open_ones else "" for _, name in again}
+    return wrong, [f"{name}={sign}{name} [{log.unit(name)}]" for name, sign in signs.items()]
+
+
 def _concerned(notice: Notice, log: Log) -> tuple[str, ...]:
     """Return the channels that a doubt of a unit or a sign concerns, the likeliest last; none for any other notice."""
     if notice.code == UNIT_ASSUMED.code:  # a current in A is what nearly every drive writes
         return tuple(name for name in notice.detail["channels"] if name in ("theta", "omega", "torque"))
     if notice.code == SPEED_FACTOR.code:
-        return "theta", "omega"
+        return ("theta", "omega", "t") if notice.detail.get("time") else ("theta", "omega")
     if notice.code == TORQUE_FACTOR.code:
         return "i_q", "torque"
     if notice.code == TORQUE_SIGN.code:

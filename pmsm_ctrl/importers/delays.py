@@ -15,6 +15,7 @@ __all__ = ["Delay", "delays", "lag"]
 
 SAMPLES = 1 << 17
 MAX_LAG = 200
+REFINED = 5  # times at most
 SMOOTHED = 9  # samples; both signals alike, which changes no delay
 
 
@@ -77,6 +78,11 @@ def lag(first: Array, second: Array) -> tuple[float, float] | None:
     whole = int(shifts[np.argmax(np.abs(cross[shifts]))])
     inner = slice(reach, a.size - reach)
     fraction = _fraction(a[inner], np.roll(b, -whole)[inner])
+    for _ in range(REFINED):  # the top of a slow signal's correlation is flat, and what its ends leave moves it
+        if not 1.0 <= abs(fraction) < math.inf or abs(whole + round(fraction)) > reach:
+            break
+        whole += round(fraction)
+        fraction = _fraction(a[inner], np.roll(b, -whole)[inner])
     smooth_a, smooth_b = _means(a[inner]), _means(np.roll(b, -whole)[inner])
     correlation = float(np.corrcoef(smooth_a, smooth_b)[0, 1])
     if not correlation > 0.7 or not abs(fraction) < 2.0:

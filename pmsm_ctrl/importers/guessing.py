@@ -20,8 +20,10 @@ from pmsm_ctrl.importers.motion_units import (
     speed_unit,
 )
 from pmsm_ctrl.importers.names import counts_of, says_rms, unit_of, unit_spelling
-from pmsm_ctrl.importers.naming import AS_STATED, Case, Guess, fits, leave_constants, take_by_name
+from pmsm_ctrl.importers.naming import AS_STATED, Case, Guess, fits, leave_constants, settle, take_by_name
 from pmsm_ctrl.importers.relations import drive_balance, rate_likeness, roughness
+from pmsm_ctrl.importers.rivals import alike
+from pmsm_ctrl.importers.strange_units import strange_unit
 from pmsm_ctrl.importers.table import Array, HeaderPeriod, Table
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.log import CHANNELS
@@ -36,7 +38,7 @@ DERIVATIVE = 0.99  # correlation of travelled distance and integrated speed
 MOST_PAIRED = 12  # columns that are tried in pairs
 CLEARLY = 0.1  # share that is left unexplained where neither motion nor drive signal is known by name
 LITTLE = 0.1  # of what a position varies, by which it differs from its reference
-ALIKE = 0.02  # difference of such shares that tells nothing
+LITTLE_MORE = 0.02  # difference of such shares that tells nothing
 EXPLAINED = 0.5  # share of a drive signal that inertia and friction leave unexplained at most
 CERTAIN = 8.0  # standard errors of its inertia
 POSITIONS, SPEEDS, DRIVES = ("theta", "theta_ref"), ("omega", "omega_ref"), ("i_q", "torque")
@@ -69,8 +71,16 @@ def guesses(
         said = ", ".join(f"{unit} for {channel}" for channel, unit in dict.fromkeys(case.assumed))
         case.doubts.append(say.UNIT_ASSUMED(channels=[channel for channel, _ in case.assumed], units=said))
     made += [case.clock] if case.clock is not None else []
-    left = [(case.columns[i].label, case.seen_as.get(i, "not recognised")) for i in case.usable if i not in case.role]
+    left = [(column.label, _seen_as(case, i)) for i, column in enumerate(case.columns)
+            if i not in case.role and (column.label or not column.is_text)]  # fmt: skip
     return [guess for guess in made if guess is not None], left, case.doubts
+
+
+def _seen_as(case: Case, i: int) -> str:
+    """Return what a column that is no channel seems to be."""
+    column = case.columns[i]
+    default = "text" if column.is_text else "the time of the columns that follow it" if column.is_time else ""
+    return case.seen_as.get(i) or default or strange_unit(column, case.motion) or "not recognised"
 
 
 def _is_linear(case: Case) -> bool:
@@ -193,7 +203,7 @@ def _by_balance(case: Case, t: Array) -> None:
     """Find a position or a speed that moves as a drive signal drives it, where nothing else tells the motion."""
     free = [i for i in case.free(_group(case)) if case.values[i].size == t.size][:MOST_PAIRED]
     known = next((i for name in DRIVES if (i := case.at(name)) is not None), None)
-    drives = [i for i in free if not case.commanded(i)] if known is None else [known]
+    drives = [i for i in free if _may_drive(case, i)] if known is None else [known]
     found = []
     for i in free:
         for channel, kind in (("theta", "position"), ("omega", "speed")):
@@ -201,16 +211,25 @@ def _by_balance(case: Case, t: Array) -> None:
                 if k == i or case.commanded(i) or not fits(case.columns[i], channel):
                     continue
                 one = drive_balance(t, case.values[k], **{kind: _unwound(case, i)})
-                if one.left < CLEARLY and one.certain > CERTAIN and one.inertia > 0.0:
+                fitting = one.left < CLEARLY and one.certain > CERTAIN and one.inertia > 0.0
+                # a reference is the speed that follows it, and a share of its rate, as a drive signal is
+                if fitting and not alike(case.values[k], case.values[i]):
                     found.append((one.left, i, channel, k))
     if not found:
         return
     # a reference explains nearly as much as what follows it: the rougher one is measured
     found = [one for one in found if case.is_measured(one[1])] or found
-    alike = [one for one in found if one[0] < min(found)[0] + ALIKE]
-    _, i, channel, k = max(alike, key=lambda one: roughness(case.values[one[1]]))
+    near = [one for one in found if one[0] < min(found)[0] + LITTLE_MORE]
+    _, i, channel, k = max(near, key=lambda one: roughness(case.values[one[1]]))
+    same = list(dict.fromkeys(one[1] for one in near if one[2:] == (channel, k)))
+    i = settle(case, channel, same)
     case.take(i, channel, f"'{case.columns[k].label}' drives it as a drive signal would")
     case.doubts.append(say.FROM_PHYSICS(columns=case.columns[i].label, what="the motion"))
+
+
+def _may_drive(case: Case, i: int) -> bool:
+    """Whether the unit and the name of a column allow a measured torque or current."""
+    return not case.commanded(i) and any(fits(case.columns[i], name) for name in DRIVES)
 
 
 def _by_motion(case: Case, t: Array) -> None:
@@ -234,31 +253,24 @@ def _by_motion(case: Case, t: Array) -> None:
         return
     p = _measured_position(case, found)
     best = max(one for one in found if one[1] == p)
-    # of several columns that are this derivative the rougher one is measured, where no name says which
-    rivals = sorted({s for _, q, s in found if q == p}, key=lambda s: (case.is_measured(s), roughness(case.values[s])))
-    s = rivals[-1]
+    rivals = list(dict.fromkeys(s for _, q, s in found if q == p))
+    s = rivals[0] if speed is not None else settle(case, "omega", rivals, np.gradient(_unwound(case, p), t))
     said = f"its derivative is '{case.columns[s].label}' (correlation {best[0]:.4f})"
     if position is None:
         case.take(p, "theta", said)
     if speed is None:
         case.take(s, "omega", f"derivative of '{case.columns[p].label}' (correlation {best[0]:.4f})")
-        if len(rivals) > 1 and case.at("omega_ref") is None:
-            case.take(rivals[0], "omega_ref", "the same derivative, and smoother: the reference")
     unnamed = [case.columns[i].label for i, old in ((p, position), (s, speed)) if old is None]
     case.doubts.append(say.FROM_PHYSICS(columns=", ".join(unnamed), what="position and speed"))
 
 
 def _measured_position(case: Case, found: list[tuple[float, int, int]]) -> int:
-    """Return the position that a name says is measured; of a position and its like the rougher, which has the noise."""
+    """Return the position that a name says is measured; of a position and its like the one that has the noise."""
     named = [one for one in found if case.is_measured(one[1])]
     p = max(named or found)[1]
     size = float(np.std(case.values[p]))
-    alike = [q for _, q, _ in found if case.is_measured(q) == case.is_measured(p) and _same(case, p, q, size)]
-    chosen = max(alike, key=lambda q: roughness(case.values[q]))
-    others = [q for q in dict.fromkeys(alike) if q != chosen]
-    if others and case.at("theta_ref") is None and not case.is_measured(others[0]):
-        case.take(others[0], "theta_ref", f"as '{case.columns[chosen].label}', and smoother: the reference")
-    return chosen
+    same = [q for _, q, _ in found if case.is_measured(q) == case.is_measured(p) and _same(case, p, q, size)]
+    return settle(case, "theta", list(dict.fromkeys(same)))
 
 
 def _same(case: Case, p: int, q: int, size: float) -> bool:
@@ -317,10 +329,12 @@ def _drives(case: Case, t: Array) -> None:
     elif speed is not None and case.values[speed].size == t.size:
         gain = (unit_of(case.unit[speed]) or ("", 1.0))[1] * case.factor.get(speed, 1.0)
         moving = {"speed": case.values[speed] * gain}
+    if moving:
+        _by_acceleration(case, t, moving)
     if moving and not any(case.at(name) is not None for name in DRIVES):
         tried = {
             i: drive_balance(t, case.values[i], **moving)
-            for i in case.free(_group(case)) if case.values[i].size == t.size and not case.commanded(i)
+            for i in case.free(_group(case)) if case.values[i].size == t.size and _may_drive(case, i)
         }  # fmt: skip
         fitting = [i for i, one in tried.items() if one.left < EXPLAINED and one.certain > CERTAIN]
         if fitting:
@@ -339,6 +353,31 @@ def _drives(case: Case, t: Array) -> None:
         same = moving if case.values[i].size == t.size else {}
         chosen = drive_unit(case.values[i], case.unit[i], case.role[i], t, same, case.design)
         _settle(case, i, chosen)
+
+
+def _by_acceleration(case: Case, t: Array, moving: Mapping[str, Array]) -> None:
+    """Choose between drive signals that are named alike: the one that acceleration and friction explain."""
+    for channel in DRIVES:
+        taken = case.at(channel)
+        rivals = [i for i in case.rivals.get(taken, []) if i not in case.role] if taken is not None else []
+        if taken is None or not rivals:
+            continue
+        tried = {
+            i: drive_balance(t, case.values[i], **moving) for i in (taken, *rivals) if case.values[i].size == t.size
+        }
+        fitting = [i for i, one in tried.items() if one.left < EXPLAINED and one.certain > CERTAIN]
+        best = min(fitting, key=lambda i: tried[i].left, default=taken)
+        near = [i for i in fitting if tried[i].left < tried[best].left + LITTLE_MORE]
+        if len(near) > 1:
+            best = settle(case, channel, near)
+        if best != taken:
+            case.exchange(taken, best, f"of {len(rivals) + 1} columns that are named so")
+        if best in fitting:
+            case.why[best].append(f"acceleration and friction explain {100 * (1 - tried[best].left):.0f} % of it")
+        for i in (taken, *rivals):
+            if i != best and i not in case.role:
+                share = f"{100 * max(0.0, 1 - tried[i].left):.0f} %" if i in tried else "an unknown share"
+                case.seen_as.setdefault(i, f"{channel} as well; acceleration and friction explain {share} of it")
 
 
 def _settle(case: Case, i: int, chosen: DriveUnit) -> None:

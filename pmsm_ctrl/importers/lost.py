@@ -1,4 +1,4 @@
-"""Physically impossible samples: positions that jump, speeds that spike, channels that freeze."""
+"""Physically impossible samples: positions that jump, speeds that spike, channels that freeze or are held."""
 
 from __future__ import annotations
 
@@ -14,16 +14,20 @@ from pmsm_ctrl.importers.timebase import SAMPLE, quantum
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
 
-__all__ = ["frozen", "jumps", "lost_samples", "spikes"]
+__all__ = ["freezes", "jumps", "lost_samples", "period_of_steps", "spikes"]
 
 NEIGHBOURS = 3  # neighbouring steps on either side
 SPIKE = 3  # longest spike, samples
 FROZEN = 20  # samples; a shorter standstill is normal
+HELD = 2.5e-3  # s; the slowest speed loops hold a torque command for 2 ms
+MOVING = 0.02  # of the mean speed of a log; an axis that is slower rests, or creeps
+# channels that are looked at, each with the motion that shows whether the log itself is as slow
+_BESIDE = {"theta": ("omega",), "omega": ("theta",)} | dict.fromkeys(("i_q", "torque", "u_q"), ("theta", "omega"))
 
 
 def lost_samples(log: Log, design: Design | None = None) -> list[Notice]:
     """Return the physically impossible samples of a log, each kind with its first time."""
-    return [*_jumped(log, design), *_spiked(log), *_frozen_channels(log)]
+    return [*_jumped(log, design), *_spiked(log), *_frozen_channels(log), *_held_channels(log)]
 
 
 def _thinned(values: Array) -> Array:
@@ -109,21 +113,22 @@ def _spiked(log: Log) -> list[Notice]:
     return [say.SPEED_SPIKES(value=value, unit=log.unit("omega"), at=time, count=at.size)]
 
 
-def frozen(values: Array, other: Array) -> tuple[int, int]:
-    """Return (start, samples) of the longest stretch in which a changing channel is constant while another is not.
+def freezes(values: Array, other: Array) -> list[tuple[int, int]]:
+    """Return (start, steps) of every stretch in which a noisy channel keeps one value while another changes.
 
-    A changing channel differs from the sample before in nine of ten samples. (0, 0) where there is no such stretch.
+    A noisy channel differs from the sample before in nine of ten samples elsewhere, however long the stretches are. One
+    that is held, as if recorded at a lower rate, changes only between its stretches.
     """
     still = np.diff(values) == 0.0
-    if not 0.0 < float(still.mean()) < 0.1:
-        return 0, 0
     edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(np.int8)))
     starts, stops = edges[::2], edges[1::2]
-    longest = int(np.argmax(stops - starts))
-    start, stop = int(starts[longest]), int(stops[longest])
-    if stop - start < FROZEN or float(np.mean(np.diff(other[start : stop + 1]) == 0.0)) > 0.5:
-        return 0, 0
-    return start, stop - start
+    long = stops - starts >= FROZEN
+    runs = list(zip(starts[long].tolist(), stops[long].tolist(), strict=True))
+    elsewhere = still.size - sum(b - a for a, b in runs)
+    short = int(np.sum((stops - starts)[~long]))
+    if not runs or elsewhere < FROZEN * len(runs) or not short < 0.1 * elsewhere:
+        return []
+    return [(a, b - a) for a, b in runs if float(np.mean(np.diff(other[a : b + 1]) == 0.0)) <= 0.5]
 
 
 def _frozen_channels(log: Log) -> list[Notice]:
@@ -131,10 +136,54 @@ def _frozen_channels(log: Log) -> list[Notice]:
     for name in ("i_q", "torque"):
         if name not in log or "omega" not in log:
             continue
-        start, samples = frozen(log[name], log["omega"])
-        # a channel at its limit is saturated, which is reported elsewhere
-        if samples and abs(log[name][start]) < 0.999 * float(np.max(np.abs(log[name]))):
-            at, stop = float(log.t[start]), float(log.t[start + samples])
-            value = float(log[name][start])
-            out.append(say.FROZEN_CHANNEL(channel=name, value=value, unit=log.unit(name), duration=stop - at, at=at))
+        values, omega = log[name], log["omega"]
+        found = [(a, n) for a, n in freezes(values, omega) if _driven(values, omega, a, n)]
+        if not found:
+            continue
+        first = found[0][0]
+        lengths = [float(log.t[a + n] - log.t[a]) for a, n in found]
+        facts = {"value": float(values[first]), "unit": log.unit(name), "duration": lengths[0]}
+        facts |= {"count": len(found), "total": sum(lengths), "at": float(log.t[first])}
+        more = f"; {len(found)} times, {sum(lengths):.4g} s in all" if len(found) > 1 else ""
+        out.append(say.FROZEN_CHANNEL(channel=name, more=more, **facts))
+    return out
+
+
+def _driven(values: Array, speed: Array, start: int, steps: int) -> bool:
+    """Whether an axis moves in a stretch, with a drive that is switched on and not at its limit."""
+    value, part = float(values[start]), slice(start, start + steps + 1)
+    noise = 3.0 * float(np.std(np.diff(speed[part])))
+    if float(np.mean(np.abs(speed[part]))) < max(MOVING * float(np.mean(np.abs(speed))), noise):
+        return False
+    # a channel at its limit is saturated, which is reported elsewhere
+    if abs(value) >= 0.999 * float(np.max(np.abs(values))):
+        return False
+    # before it is enabled and after it is disabled a drive makes no current, and an axis that coasts moves
+    return value != 0.0 or 0 < start < values.size - 1 - steps
+
+
+def period_of_steps(values: Array) -> int:
+    """Return the number of samples for which a channel is held; 0 where it is not, or not always as long.
+
+    Parameters
+    ----------
+    values : array, shape (n,)
+    """
+    places = np.flatnonzero(np.diff(values) != 0.0)
+    if places.size < 50 or places.size > 0.5 * len(values):
+        return 0
+    period = int(np.median(np.diff(places)))
+    return period if float(np.mean(np.diff(places) % period == 0)) > 0.9 else 0
+
+
+def _held_channels(log: Log) -> list[Notice]:
+    """Channels that change only at every so many samples, while the motion changes at each."""
+    out = []
+    for name, others in _BESIDE.items():
+        other = next((log[one] for one in others if one in log), None)
+        if name not in log or other is None or float(np.mean(np.diff(other) == 0.0)) > 0.5:
+            continue
+        period = period_of_steps(log[name])
+        if period > 2 and period * log.period > HELD:
+            out.append(say.HELD_CHANNEL(channel=name, periods=period, held_ms=1e3 * period * log.period))
     return out

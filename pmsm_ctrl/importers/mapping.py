@@ -26,6 +26,7 @@ from pmsm_ctrl.errors import LogError, MappingError, NextCommand, nearest
 from pmsm_ctrl.importers.clock import is_clock
 from pmsm_ctrl.importers.names import counts_of, guess_channel, has_letter, split_header, unit_of, unit_spelling
 from pmsm_ctrl.importers.notices import OTHER_UNIT
+from pmsm_ctrl.importers.strange_units import strange_unit
 from pmsm_ctrl.importers.table import Column, Table, one_line
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.section import Notice
@@ -39,6 +40,7 @@ __all__ = [
     "assign",
     "find_column",
     "fits_axis",
+    "is_twin",
     "of_this_file",
     "stated_factor",
 ]
@@ -48,6 +50,7 @@ FACTOR = re.compile(
 )
 # a log needs at least one channel of each group
 REQUIRED = (("t",), ("theta", "omega"), ("i_q", "torque"))
+MEASURED = ("theta", "omega", "i_q", "torque")
 
 
 @dataclass(frozen=True)
@@ -318,6 +321,8 @@ def _unmapped(
     if guess:
         for i, column in free:
             channel = "t" if column.is_time else guess_channel(column.name)
+            if channel in MEASURED and channel in found:
+                _refuse_twins(table, channel, found[channel][0], i)
             if channel is None or channel in chosen or channel in found:
                 continue
             if has_letter(column.name) and not fits_axis(column.unit, channel, motion):
@@ -328,6 +333,28 @@ def _unmapped(
             if channel not in chosen and channel not in found:
                 found[channel] = (i, "guessed")
     return [(channel, i, how) for channel, (i, how) in found.items()]
+
+
+def is_twin(columns: Sequence[Column], one: int, other: int) -> bool:
+    """Return whether two columns of one time base have the same name and the same unit.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+    one, other : int
+    """
+    first, second = columns[one], columns[other]
+    return one != other and (first.name, first.unit, first.group) == (second.name, second.unit, second.group)
+
+
+def _refuse_twins(table: Table, channel: str, one: int, other: int) -> None:
+    """Refuse to guess between two columns of the same name: the numbers may tell which one is measured."""
+    if not is_twin(table.columns, one, other):
+        return
+    name = table.columns[one].label
+    message = f"{table.file}: column '{name}' appears more than once for channel '{channel}'; name it by its number: "
+    message += f"#{one + 1} or #{other + 1}"
+    raise MappingError(message, next_command=NextCommand.PROPOSE)
 
 
 def _lettered(free: Sequence[tuple[int, Column]], motion: str) -> dict[str, int]:
@@ -445,7 +472,8 @@ def _explain_unit(table: Table, group: tuple[str, ...], wanted: str) -> None:
         channel = guess_channel(column.name)
         if channel in group and column.unit:
             what = f"column '{column.label}' would be '{channel}', but its unit [{column.unit}] does not fit"
-            way = _way_out(column, column.unit, channel) or "map it and give its factor in [log.scale]"
+            way = _way_out(column, column.unit, channel) or strange_unit(column)
+            way = way or "map it and give its factor in [log.scale]"
             message = f"{table.file}: no channel {wanted}; {what}: {way}"
             raise MappingError(message, next_command=NextCommand.PROPOSE)
 

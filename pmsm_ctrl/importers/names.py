@@ -19,7 +19,12 @@ _SPELLINGS = {
     "rad/s²": "rad/s^2", "rad/s2": "rad/s^2", "arms": "A rms", "a_rms": "A rms", "a(rms)": "A rms",
     "aeff": "A rms", "a eff": "A rms", "apk": "A peak", "a_peak": "A peak", "a(peak)": "A peak",
     "amp": "A", "ampere": "A", "amps": "A", "volt": "V", "volts": "V", "n·m": "N m", "n.m": "N m", "n-m": "N m",
-    "newton": "N",
+    "newton": "N", "marms": "mA rms", "ma_rms": "mA rms", "ma(rms)": "mA rms", "ma eff": "mA rms", "maeff": "mA rms",
+    "mapk": "mA peak", "tr/min": "rpm", "trs/min": "rpm", "tours/min": "rpm", "giri/min": "rpm", "giri/1'": "rpm",
+    "vueltas/min": "rpm", "tr/s": "rev/s", "giri/s": "rev/s", "vueltas/s": "rev/s", "tr": "rev", "tour": "rev",
+    "tours": "rev", "giri": "rev", "giro": "rev", "vuelta": "rev", "vueltas": "rev", "gradi": "deg", "grado": "deg",
+    "grados": "deg", "degré": "deg", "degrés": "deg", "degre": "deg", "degres": "deg", "gradi/s": "deg/s",
+    "grados/s": "deg/s", "degrés/s": "deg/s",
     "m/s²": "m/s^2", "m/s2": "m/s^2", "celsius": "degC", "c": "degC", "℃": "degC", "meter": "m",
     "metre": "m", "none": "1",
 }  # fmt: skip

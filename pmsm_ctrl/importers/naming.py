@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import notices as say
-from pmsm_ctrl.importers.mapping import fits_axis
+from pmsm_ctrl.importers.mapping import fits_axis, is_twin
 from pmsm_ctrl.importers.names import counts_of, guess_channel, has_letter, unit_of, unit_spelling
+from pmsm_ctrl.importers.rivals import alike, measured_one
 from pmsm_ctrl.importers.table import Array, Column, Table
 from pmsm_ctrl.importers.vocabulary import Meaning, meaning_of, says_measured, says_reference
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.section import Notice
 
-__all__ = ["AS_STATED", "Case", "Guess", "fits", "leave_constants", "take_by_name"]
+__all__ = ["AS_STATED", "Case", "Guess", "fits", "leave_constants", "settle", "take_by_name"]
 
 LOOKED_AT = 200_000  # samples of each column
 MOST = 40  # columns whose physics is looked at
@@ -65,6 +66,7 @@ class Case:
         self.doubts: list[Notice] = []
         self.assumed: list[tuple[str, str]] = []
         self.seen_as: dict[int, str] = {}
+        self.rivals: dict[int, list[int]] = {}
         self.clock: Guess | None = None
         self.motion = design.motion if design is not None else "rotary"
 
@@ -89,6 +91,15 @@ class Case:
         self.role[i] = channel
         self.why.setdefault(i, []).extend(reasons)
         self.unit.setdefault(i, self.columns[i].unit)
+
+    def exchange(self, old: int, new: int, *reasons: str) -> None:
+        """Decide that a column is the channel that another one was taken for; what was doubted of it goes along."""
+        channel = self.role.pop(old)
+        self.take(new, channel, *reasons)
+        label = self.columns[old].label
+        for k, doubt in enumerate(self.doubts):
+            if doubt.code == say.UNSURE_NAME.code and doubt.detail["column"] == label:
+                self.doubts[k] = say.UNSURE_NAME(**{**doubt.detail, "column": self.columns[new].label})
 
     def free(self, group: int) -> list[int]:
         """Return the columns of a time base that vary and are no channel yet."""
@@ -138,15 +149,84 @@ def take_by_name(case: Case) -> None:
         if channel not in case.role.values() and not case.spoiled(i):
             case.take(i, channel, f"named '{case.columns[i].name}'")
     for i, channel, said, unsure in sorted(words, key=lambda one: (bool(one[3]), one[0] in bare)):
-        if channel in case.role.values() or case.spoiled(i):
+        taken = case.at(channel)
+        if taken is not None and unsure and i not in case.role and taken in case.rivals and not case.spoiled(i):
+            case.rivals[taken].append(i)  # named as vaguely: the motion may tell which of them drives it
+        if taken is not None or case.spoiled(i):
             continue
         if channel == "torque" and "command" in unsure and "i_q" in case.role.values():
             case.seen_as[i] = unsure
             continue
         case.take(i, channel, f"its name contains {said}", *([unsure] if unsure else []))
         if unsure:
+            case.rivals[i] = []
             case.doubts.append(say.UNSURE_NAME(column=case.columns[i].label, channel=channel, reason=unsure))
+    for channel in ("theta", "omega", "i_q", "torque"):
+        _settle_twins(case, channel)
     _say_several(case, [*exact, *((i, channel) for i, channel, *_ in words if i in bare)])
+
+
+def settle(case: Case, channel: str, columns: Sequence[int], rate: Array | None = None) -> int:
+    """Return which of several columns of one quantity is measured; the others are its reference, or fit as well.
+
+    Parameters
+    ----------
+    case : Case
+    channel : str
+        The measured one, ``theta`` or ``omega``.
+    columns : sequence of int
+        In any order; names decide before numbers do.
+    rate : array, shape (n,), optional
+        The derivative of the position, where the columns are speeds.
+    """
+    named = [i for i in columns if case.is_measured(i)]
+    best = (named or list(columns))[0]
+    for i in (named or list(columns))[1:]:
+        best = (best, i)[measured_one((case.values[best], case.values[i]), rate).measured]
+    for i in columns:
+        if i == best:
+            continue
+        choice = measured_one((case.values[i], case.values[best]), rate)
+        label, reference = case.columns[best].label, f"{channel}_ref"
+        sure = bool(choice.measured and choice.reason)
+        if sure and reference in CHANNELS and case.at(reference) is None and (i in named) == (best in named):
+            case.why.pop(i, None)
+            case.take(i, reference, f"as '{label}', {choice.reason}: the reference")
+            continue
+        case.seen_as[i] = f"{channel} as well"
+        if not sure and (i in named) == (best in named):
+            case.doubts.append(
+                say.TWO_COLUMNS_FIT(channel=channel, column=_told(case, best, i), other=_told(case, i, best))
+            )
+    return best
+
+
+def _settle_twins(case: Case, channel: str) -> None:
+    """Decide between columns that have the same name and hold one quantity: the first one may be the reference."""
+    taken = case.at(channel)
+    if taken is None or taken in {at for _, at, _ in case.stated.values()}:
+        return
+    twins = [i for i in case.usable if i != taken and i not in case.role and is_twin(case.columns, taken, i)]
+    twins = [i for i in twins if not case.spoiled(i) and alike(case.values[taken], case.values[i])]
+    if not twins:
+        return
+    position = case.at("theta")
+    rate = np.gradient(case.values[position]) if channel == "omega" and position is not None else None
+    best = settle(case, channel, [taken, *twins], rate if position is None or _beside(case, position, taken) else None)
+    if best != taken:
+        if case.role[taken] == channel:
+            del case.role[taken]
+        case.take(best, channel, f"named '{case.columns[best].name}'")
+
+
+def _beside(case: Case, one: int, other: int) -> bool:
+    return case.values[one].size == case.values[other].size and not case.spoiled(one)
+
+
+def _told(case: Case, i: int, other: int) -> str:
+    """Return the label of a column, and its number where another one has the same."""
+    column = case.columns[i]
+    return column.label if column.label != case.columns[other].label else f"#{i + 1} [{column.unit}]"
 
 
 def _meaning(case: Case, i: int) -> Meaning | None:
@@ -172,6 +252,6 @@ def _say_several(case: Case, exact: list[tuple[int, str]]) -> None:
         others = [i for i, name in exact if name == channel and i != taken]
         if taken is None or not others:
             continue
-        case.seen_as.update((i, f"{channel} as well") for i in others)
-        names = {"column": case.columns[taken].label, "other": case.columns[others[0]].label}
+        case.seen_as.update((i, f"{channel} as well") for i in others if i not in case.role)
+        names = {"column": _told(case, taken, others[0]), "other": _told(case, others[0], taken)}
         case.doubts.append(say.SEVERAL_COLUMNS(channel=channel, count=len(others) + 1, **names))

@@ -6,11 +6,11 @@ from pmsm_ctrl.section import Template
 
 __all__ = [
     "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES",
-    "FROM_PHYSICS", "FROZEN_CHANNEL", "HEADER_PERIOD", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "OTHER_UNIT",
-    "PEAK_OR_RMS", "POSITION_JUMPS", "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION",
-    "REFERENCE_FACTOR", "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_SPIKES", "SPEED_UNRELATED",
-    "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED", "UNIT_ASSUMED", "UNLIKELY_INERTIA",
-    "UNLIKELY_PERIOD", "UNSURE_NAME",
+    "FROM_PHYSICS", "FROZEN_CHANNEL", "HEADER_PERIOD", "HELD_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE",
+    "OTHER_UNIT", "PEAK_OR_RMS", "POSITION_JUMPS", "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN",
+    "RATE_FROM_MOTION", "REFERENCE_FACTOR", "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_LEADS",
+    "SPEED_SPIKES", "SPEED_UNRELATED", "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED",
+    "TWO_COLUMNS_FIT", "UNIT_ASSUMED", "UNLIKELY_INERTIA", "UNLIKELY_PERIOD", "UNSURE_NAME",
 ]  # fmt: skip
 
 # -- time ----
@@ -63,13 +63,21 @@ SPEED_SPIKES = Template(
 )
 FROZEN_CHANNEL = Template(
     "frozen_channel",
-    "{channel} is frozen at {value:.4g} {unit} for {duration:.4g} s from t = {at:.6g} s: lost samples",
+    "{channel} is frozen at {value:.4g} {unit} for {duration:.4g} s from t = {at:.6g} s{more}: lost samples",
+)
+HELD_CHANNEL = Template(
+    "held_channel", "{channel} is held for {periods} samples ({held_ms:.3g} ms): it was recorded at a lower rate"
 )
 
 # -- one channel against another ----
 SPEED_UNRELATED = Template("speed_unrelated", "omega is not proportional to dtheta/dt")
 SPEED_MAGNITUDE = Template(
     "speed_magnitude", "omega never changes its sign, although theta goes both ways: it contains magnitudes"
+)
+SPEED_LEADS = Template(
+    "speed_leads",
+    "omega leads dtheta/dt by {lead_ms:.3g} ms, which a measured speed does not: it may be the reference, or theta is "
+    "late",
 )
 SPEED_FACTOR = Template("speed_factor", "dtheta/dt is {factor:.4g} times omega{cause}")
 REFERENCE_FACTOR = Template("reference_factor", "omega is {factor:.4g} times omega_ref{cause}")
@@ -97,6 +105,11 @@ UNLIKELY_INERTIA = Template(
 UNIT_ASSUMED = Template("unit_assumed", "units that the file does not state were assumed: {units}")
 SEVERAL_COLUMNS = Template(
     "several_columns", "{channel}: {count} columns are named so; '{column}' is taken and '{other}' is not"
+)
+TWO_COLUMNS_FIT = Template(
+    "two_columns_fit",
+    "{channel}: '{column}' is taken, '{other}' fits as well, and nothing tells which of them is measured: "
+    "--map {channel}='{other}' takes the other one",
 )
 UNSURE_NAME = Template("unsure_name", "'{column}' is taken for {channel}: {reason}")
 FROM_PHYSICS = Template("from_physics", "{columns}: taken for {what} by the numbers alone; the names do not state it")

@@ -14,8 +14,10 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import notices as say
+from pmsm_ctrl.importers.delays import delays
 from pmsm_ctrl.importers.lost import lost_samples
 from pmsm_ctrl.importers.relations import BLOCKS, axis_balance, block_edges, drive_factor, integral, rate_factor, ratio
+from pmsm_ctrl.importers.rivals import LEADS
 from pmsm_ctrl.importers.timebase import growing_steps, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
@@ -23,7 +25,9 @@ from pmsm_ctrl.section import Notice
 __all__ = ["check", "speed_doubts", "torque_factor", "velocity_factor"]
 
 MIN_SAMPLES = 32
+SURE = 0.999  # correlation of two rates above which the delay between them is that of the channels, not of their noise
 CERTAIN, INTERVAL = 12.0, 3.0  # standard errors of an inertia: that it counts at all, and that it is beyond a limit
+SLOWEST = 0.02  # s; a period above it is none of a log of a drive, but that of 20 us and more in a wrong unit
 _RPM = math.pi / 30.0
 
 
@@ -49,6 +53,7 @@ def check(log: Log, design: Design | None = None) -> tuple[Notice, ...]:
                 *_standing(log),
                 *lost_samples(log, design),
                 *speed_doubts(log, design),
+                *_leading(log),
                 *_reference(log),
                 *_torque(log, design),
                 *_sign(log, design),
@@ -111,6 +116,8 @@ def speed_doubts(log: Log, design: Design | None) -> list[Notice]:
         return [say.SPEED_UNRELATED()]
     if abs(factor - 1.0) < 0.05:
         return []
+    if unit := _unit_of_time(log.period, factor):
+        return [say.SPEED_FACTOR(factor=factor, cause=f": t looks like {unit} read as s", time=unit)]
     known = [
         (-1.0, "opposite signs"),
         (_RPM, "omega looks like rpm read as rad/s"),
@@ -135,6 +142,12 @@ def speed_doubts(log: Log, design: Design | None) -> list[Notice]:
     return [say.SPEED_FACTOR(factor=factor, cause=_suspect(factor, known))]
 
 
+def _unit_of_time(period: float, factor: float) -> str:
+    """Return the unit of time with which position and speed agree, empty where the period is that of a drive's log."""
+    found = next((unit for unit, size in (("ms", 1e-3), ("us", 1e-6)) if _near(factor, size)), "")
+    return found if period > SLOWEST else ""
+
+
 def _magnitude(log: Log) -> bool:
     """Whether the speed never changes its sign, although the position goes a tenth of its way back."""
     speed, way = log["omega"], np.diff(log["theta"][block_edges(len(log), BLOCKS)])
@@ -150,6 +163,14 @@ def _magnitude(log: Log) -> bool:
 
 def _suspect(factor: float, known: list[tuple[float, str]]) -> str:
     return next((f": {text}" for value, text in known if _near(factor, value)), "")
+
+
+def _leading(log: Log) -> list[Notice]:
+    """A speed that is ahead of the position: no filter and no difference of measured positions is."""
+    found = next((one for one in delays(log) if one.later == "omega"), None)
+    if found is None or found.seconds > -LEADS * log.period or found.correlation < SURE:
+        return []
+    return [say.SPEED_LEADS(lead_ms=-1e3 * found.seconds)]
 
 
 def _reference(log: Log) -> list[Notice]:

@@ -39,6 +39,7 @@ def _(report: ImportReport) -> Section:
             Table(("fact", "value"), _facts(report), "The file"),
             _channels(report),
             *unused,
+            *([f"Notes: {'; '.join(report.remarks)}."] if report.remarks else []),
             _needs(report),
             Picture(lambda: _figure(report), "Every channel over time: check signs, sizes and units."),
             report.table,

@@ -119,9 +119,12 @@ def rate_likeness(t: Array, position: Array, speed: Array) -> tuple[float, float
 
 
 def roughness(values: Array) -> float:
-    """Return the size of the second differences over that of the signal: noise makes it large."""
+    """Return the size of the fourth differences over that of the signal: noise makes it large, the motion hardly.
+
+    Their mean, and no mean square: a reference of ramps has large ones at its corners, and none elsewhere.
+    """
     size = float(np.std(values))
-    return float(np.std(np.diff(values, 2))) / size if size > 0.0 and values.size > 2 else 0.0
+    return float(np.mean(np.abs(np.diff(values, 4)))) / size if size > 0.0 and values.size > 4 else 0.0
 
 
 def drive_balance(

@@ -17,6 +17,7 @@ from pmsm_ctrl.importers.mapping import Assignment, Source, find_column
 from pmsm_ctrl.importers.notices import UNIT_ASSUMED
 from pmsm_ctrl.importers.plausibility import torque_factor, velocity_factor
 from pmsm_ctrl.importers.reading import read_all
+from pmsm_ctrl.importers.strange_units import strange_units
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.importers.timebase import TimeBase, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
@@ -69,6 +70,9 @@ class ImportReport(Result):
         Columns that are no channel.
     accepted : tuple of Notice
         Doubts of the proposed mapping that were accepted with it: they still are reasons to doubt the log.
+    remarks : tuple of str
+        Those notes of the log that neither the layout nor the channels tell: what was interpolated, dropped, unwrapped.
+        Then the columns of which only the unit is not known.
     """
 
     log: Log
@@ -81,6 +85,7 @@ class ImportReport(Result):
     table: str
     unused: tuple[str, ...] = field(default=())
     accepted: tuple[Notice, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def assumed(self) -> tuple[str, ...]:
@@ -143,7 +148,8 @@ def describe(
     """
     log, table, assignment = read_all(path, design, mapping, name)
     used = {source.column for source in assignment.sources}
-    unused = [c.label for i, c in enumerate(table.columns) if i not in used and not c.is_time]
+    left = [c for i, c in enumerate(table.columns) if i not in used and not c.is_time]
+    told = {*assignment.notes, *(note for note in table.notes if note.startswith("read as "))}
     with np.errstate(all="ignore"):
         return ImportReport(
             log=log,
@@ -154,7 +160,8 @@ def describe(
             torque=torque_factor(log, design),
             delays=delays(log),
             table=log_table(table, assignment),
-            unused=tuple(name for name in unused if name),
+            unused=tuple(column.label for column in left if column.label),
+            remarks=(*(note for note in log.provenance.notes if note not in told), *strange_units(left, log.motion)),
         )
 
 

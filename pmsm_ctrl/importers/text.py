@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal, cast
 
@@ -12,11 +13,12 @@ import numpy as np
 from pmsm_ctrl.importers import twincat
 from pmsm_ctrl.importers.ending import without_ending
 from pmsm_ctrl.importers.header_rate import header_period
-from pmsm_ctrl.importers.layout import Layout, opening, place_header, separator_name
-from pmsm_ctrl.importers.names import guess_channel, split_header
+from pmsm_ctrl.importers.layout import Layout, opening, place_header, separator_name, split_line
+from pmsm_ctrl.importers.names import guess_channel, split_header, unit_of
 from pmsm_ctrl.importers.numbers import line_of_row, read_columns
 from pmsm_ctrl.importers.stamps import with_stamps
 from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.importers.vocabulary import begins_with_time
 from pmsm_ctrl.log import CHANNELS
 
 __all__ = ["open_text"]
@@ -39,7 +41,7 @@ def open_text(path: Path, file: str, separator: str | None = None, decimal: str 
         kind = "TwinCAT Scope CSV"
     else:
         layout = with_stamps(place_header(lines, found, encoding, file), lines)
-        columns = _columns(layout)
+        columns = _columns(layout, lines)
         canonical = all(column.name in CHANNELS and column.unit for column in columns)
         kind = "canonical CSV" if canonical else "CSV"
         if any(column.group for column in columns):
@@ -51,7 +53,7 @@ def open_text(path: Path, file: str, separator: str | None = None, decimal: str 
     return replace(table, header_period=header_period(lines[: layout.first_line - 1]))
 
 
-def _columns(layout: Layout) -> tuple[Column, ...]:
+def _columns(layout: Layout, lines: Sequence[str]) -> tuple[Column, ...]:
     """Name and unit of every column; a time column that is not the only one begins a group of its own."""
     named = []
     for i in range(layout.width):
@@ -65,6 +67,8 @@ def _columns(layout: Layout) -> tuple[Column, ...]:
         named[at] = replace(named[at], unit="s", is_time=True, is_date=True)
         return tuple(named)
     is_time = [guess_channel(column.name) == "t" and not column.is_text for column in named]
+    if sum(is_time) < 2:
+        is_time = _worded_times(named, layout, lines)
     if sum(is_time) < 2 or not is_time[0]:
         return tuple(named)
     groups = np.cumsum(is_time) - 1
@@ -72,6 +76,27 @@ def _columns(layout: Layout) -> tuple[Column, ...]:
         replace(column, group=int(group), is_time=time)
         for column, group, time in zip(named, groups, is_time, strict=True)
     )
+
+
+def _worded_times(named: Sequence[Column], layout: Layout, lines: Sequence[str]) -> list[bool]:
+    """Return which columns are times of those that follow, by their names, units and numbers: ``Time current [ms]``.
+
+    One that has no other column behind it is no such time, nor one that does not increase.
+    """
+    cells = [split_line(line, layout.separator) for line in lines[layout.first_line - 1 :]]
+    out = []
+    for i, column in enumerate(named):
+        worded = begins_with_time(column.name) and (unit_of(column.unit) or ("",))[0] == "s" and not column.is_text
+        out.append(worded and _increases([row[i] for row in cells if len(row) == layout.width and row[i]]))
+    return [here and not after for here, after in zip(out, [*out[1:], True], strict=True)]
+
+
+def _increases(cells: Sequence[str]) -> bool:
+    try:
+        values = [float(cell.replace(",", ".")) for cell in cells]
+    except ValueError:
+        return False
+    return len(values) > 1 and all(b > a for a, b in pairwise(values))
 
 
 def _table(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], kind: str) -> Table:

@@ -1,4 +1,4 @@
-"""What a column's name says, word by word: English, German, French, Italian and romanised Japanese.
+"""What a column's name says, word by word: English, German, French, Italian and Japanese, romanised or not.
 
 `names.guess_channel` knows whole names and is trusted; a name understood here is a proposal that somebody confirms.
 """
@@ -10,7 +10,7 @@ import unicodedata
 from dataclasses import dataclass
 from functools import lru_cache
 
-__all__ = ["Meaning", "meaning_of", "says_measured", "says_reference"]
+__all__ = ["Meaning", "begins_with_time", "meaning_of", "says_measured", "says_reference"]
 
 _QUANTITIES = {
     "time": "time zeit temps tempo jikan timestamp zeitstempel",
@@ -54,6 +54,14 @@ _NEUTRAL = (
     "du de la le del della di no ni my x of the producing generating rms eff standard detected fidobakku fiidobakku "
     "internal display fine angular angulaire angolare mechanisch ch ax nc fb plc tag sensor monitor user process image"
 )
+
+# Japanese words, of which a longer one comes first, as they are romanised
+_WRITTEN = (
+    "トルク=toruku 時間=jikan 時刻=jikan 回転速度=sokudo 加速度=kasokudo 速度=sokudo 回転数=kaitensu 位置=ichi "
+    "角度=kakudo 電流=denryu 電圧=denatsu 温度=ondo 推力=chikara 指令=shirei 目標=mokuhyo 実際=jissai 現在=genzai "
+    "検出=kenshutsu フィードバック=fidobakku 偏差=hensa 負荷=fuka 制限=limit 軸=jiku モータ=motor 値=atai"
+)
+_ROMANISED = {pair.split("=")[0]: pair.split("=")[1] for pair in _WRITTEN.split(" ")}
 
 
 _KIND: dict[str, tuple[str, str]] = {
@@ -125,6 +133,11 @@ def says_reference(name: str) -> bool:
     return not stated.isdisjoint(last) or (stated.issuperset(before) and bool(before) and not _said_measured(last))
 
 
+def begins_with_time(name: str) -> bool:
+    """Whether a name begins with a word of time: ``Time current``, ``Zeit_2``, ``t2`` is none."""
+    return _KIND.get(next(iter(_parts(name)), "")) == ("quantity", "time")
+
+
 def says_measured(name: str) -> bool:
     """Whether a name states a measurement, in whole words or glued: ``x_ist``, ``vact``, ``PosMeas``."""
     return not says_reference(name) and _said_measured(_parts(_last(name)))
@@ -142,6 +155,8 @@ def _parts(text: str) -> list[str]:
     """Return the words of a name: without accents, split at signs and capitals, compounds taken apart."""
     for letter, plain in (("ä", "ae"), ("ö", "oe"), ("ü", "ue"), ("ß", "ss")):
         text = text.replace(letter, plain)
+    for written, romanised in _ROMANISED.items():
+        text = text.replace(written, f" {romanised} ")
     text = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
     text = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", text)
     return [part for word in re.split(r"[^A-Za-z]+", text) if word for part in _taken_apart(word.lower())]

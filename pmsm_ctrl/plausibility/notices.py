@@ -6,7 +6,7 @@ from pmsm_ctrl.section import Template
 
 __all__ = [
     "CLIPPED_CHANNEL", "CURRENTS_SWAPPED", "CURRENT_FACTOR", "CURRENT_FILTERED", "CURRENT_OFFSET", "CURRENT_SIGN",
-    "CUT_IN_TIME", "EVEN_STAMPS", "HELD_CHANNEL", "INERTIA_FACTOR", "LOST_SAMPLES", "MAGNITUDE_CHANNEL",
+    "CUT_IN_TIME", "EVEN_STAMPS", "INERTIA_FACTOR", "LOST_SAMPLES", "MAGNITUDE_CHANNEL",
     "MOTION_FACTOR", "MOTION_SIGN", "NOT_SYNCHRONOUS", "PARAMETER_FACTOR", "POLE_PAIRS", "REFERENCE_AS_MEASURED",
     "STATIONARY_CURRENTS", "TIME_FACTOR", "UNRELATED_TORQUE", "VOLTAGES_SWAPPED", "VOLTAGE_FACTOR", "VOLTAGE_SIGN",
 ]  # fmt: skip
@@ -88,9 +88,6 @@ NOT_SYNCHRONOUS = Template(
     "not_synchronous",
     "{channel} lags the motion by about {lag_ms:.3g} ms: it is delayed or filtered by the drive, or the channels are "
     "not sampled together",
-)
-HELD_CHANNEL = Template(
-    "held_channel", "{channel} is held for {periods} samples ({held_ms:.3g} ms): it was recorded at a lower rate"
 )
 CLIPPED_CHANNEL = Template(
     "clipped_channel",

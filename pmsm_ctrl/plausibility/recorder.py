@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.lost import jumps
-from pmsm_ctrl.importers.notices import ANGLE_UNWRAPPED, SPEED_UNRELATED
+from pmsm_ctrl.importers.lost import jumps, period_of_steps
+from pmsm_ctrl.importers.notices import ANGLE_UNWRAPPED, HELD_CHANNEL, SPEED_UNRELATED
 from pmsm_ctrl.importers.plausibility import speed_doubts
 from pmsm_ctrl.importers.timebase import quantum
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
@@ -163,7 +163,7 @@ def _in_the_middle(log: Log, held: tuple[Notice, ...]) -> tuple[Log, tuple[Notic
         return log, ()
     n = max(notice.detail["periods"] for notice in held)
     drive = [name for name in ("torque", "i_q", "i_d", "u_q", "u_d") if name in log]
-    drive = [name for name in drive if _period_of_steps(log[name]) == n]
+    drive = [name for name in drive if period_of_steps(log[name]) == n]
     late = 0.5 * (n - 1) * log.period
     return log.with_channels(**{name: np.interp(log.t + late, log.t, log[name]) for name in drive}), held
 
@@ -177,19 +177,10 @@ def _held(log: Log) -> tuple[Notice, ...]:
     for name in ("i_q", "torque", "u_q"):
         if name not in log:
             continue
-        period = _period_of_steps(log[name])
+        period = period_of_steps(log[name])
         if period * log.period > POLICY.held and period > POLICY.held_periods:
-            out.append(say.HELD_CHANNEL(channel=name, periods=period, held_ms=1e3 * period * log.period))
+            out.append(HELD_CHANNEL(channel=name, periods=period, held_ms=1e3 * period * log.period))
     return tuple(out)
-
-
-def _period_of_steps(values: Array) -> int:
-    """Return the number of samples for which a channel is held; 0 where it is not, or not always as long."""
-    places = np.flatnonzero(np.diff(values) != 0.0)
-    if places.size < 50 or places.size > 0.5 * len(values):
-        return 0
-    period = int(np.median(np.diff(places)))
-    return period if float(np.mean(np.diff(places) % period == 0)) > 0.9 else 0
 
 
 def _copies(log: Log) -> tuple[Notice, ...]:

@@ -8,8 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pmsm_ctrl.cli import app
+from pmsm_ctrl.console import run
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers import read_log, require_confirmed
+from pmsm_ctrl.importers.confirmation import of_written
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.log import Log
 from tests.effort import seeds
@@ -86,3 +89,39 @@ def test_what_does_not_wrap_is_left_alone(tmp_path: Path) -> None:
     found = read_log(written(tmp_path, drawn(3), theta=np.mod(theta, 25.0)), believed())
     np.testing.assert_allclose(np.diff(found["theta"]), np.diff(theta), atol=1e-9)
     assert [notice.code for notice in found.provenance.notices] == ["angle_unwrapped"]
+
+
+@pytest.mark.parametrize(("gain", "unit"), [(1e3, "ms"), (1e6, "us")])
+def test_a_wrong_unit_of_time_is_told_as_that(tmp_path: Path, gain: float, unit: str) -> None:
+    log = drawn(3)
+    path = written(tmp_path, log, t=gain * log.t, omega=np.gradient(log["theta"], log.t))
+    said = refused(path)
+    assert f"t looks like {unit} read as s; --map t='COLUMN [{unit}]' corrects the unit" in said
+    assert refused(path, t=f"t [{unit}]") == ""
+
+
+def test_what_is_written_is_read_as_it_was_confirmed(tmp_path: Path) -> None:
+    log = drawn(3)
+    path = written(tmp_path, log, i_q=-log["i_q"])
+    doubted = read_log(path, believed())
+    assert of_written(doubted, believed(), {}) == ("", ["i_q=-i_q [A]"])
+    assert of_written(doubted, believed(), {"i_q": "i_q [A]"}) == ("", ["i_q=i_q [A]"])
+    speed = np.gradient(log["theta"], log.t)
+    doubted = read_log(written(tmp_path, log, omega=speed * 30.0 / math.pi), believed())
+    assert of_written(doubted, believed(), {})[0] == "omega"
+    assert of_written(doubted, believed(), {"omega": "omega [rad/s]"}) == ("", ["omega=omega [rad/s]"])
+    assert of_written(read_log(written(tmp_path, log, omega=speed), believed()), believed(), {}) == ("", [])
+
+
+def test_the_command_after_an_import_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = drawn(3, seconds=4.0)
+    monkeypatch.chdir(tmp_path)
+    believed().write("d.toml")
+    written(tmp_path, log, i_q=-log["i_q"])
+    assert run(app, ["import", "log.csv", "--design", "d.toml", "--output", "new.csv"]) == 0
+    follows = capsys.readouterr().out.strip().splitlines()[-1].removeprefix("next: pmsm-ctrl ")
+    assert follows == "compare new.csv --design d.toml --map 'i_q=-i_q [A]'"
+    assert refused("new.csv") != ""
+    assert refused("new.csv", i_q="-i_q [A]") == ""

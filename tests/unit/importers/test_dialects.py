@@ -10,7 +10,8 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers import open_table, read_log
+from pmsm_ctrl.importers import describe, open_table, propose, read_log
+from pmsm_ctrl.importers.names import unit_of
 
 RPM = 0.10471975511965977
 
@@ -156,6 +157,59 @@ def test_repeated_time_columns_of_unequal_length(tmp_path: Path) -> None:
     assert log.provenance.importer == "CSV with repeated time columns"
     np.testing.assert_allclose(log.t, 1e-3 * np.arange(19))
     np.testing.assert_allclose(log["i_q"], 0.5 + 0.5 * np.arange(19))
+
+
+@pytest.mark.parametrize("names", [("Time Speed [ms]", "Time Current [ms]"), ("Zeit 1 [ms]", "Zeit 2 [ms]")])
+def test_a_second_time_column_of_another_name(tmp_path: Path, names: tuple[str, str]) -> None:
+    rows = [f"{k};{math.sin(0.1 * k):.6f};{2 * k + 5};{2 * k + 5}\n" for k in range(40)]
+    path = write(tmp_path, f"{names[0]};Position [rad];{names[1]};Iq [A]\n" + "".join(rows))
+    proposal = propose(open_table(path))
+    assert (names[1], "the time of the columns that follow it") in proposal.unused
+    log = read_log(path, mapping=proposal.mapping)
+    np.testing.assert_allclose(log["i_q"], 1e3 * log.t)
+    assert log["theta"][0] == pytest.approx(math.sin(0.5), abs=1e-6)
+    said = describe(path, mapping=proposal.mapping).summary(width=1000)
+    assert "Notes: i_q interpolated linearly from a raster of 2 ms to 1 ms; 5 samples outside the time" in said
+
+
+@pytest.mark.parametrize("last", ["Time to target [ms]", "Time limit [ms]"])
+def test_what_is_no_second_time(tmp_path: Path, last: str) -> None:
+    rows = [f"{k},{0.1 * k:.1f},{k % 7},{k}\n" for k in range(25)]
+    table = open_table(write(tmp_path, f"Time [ms],Position [rad],{last},Iq [A]\n" + "".join(rows)))
+    assert {column.group for column in table.columns} == {0}  # it does not increase
+    table = open_table(write(tmp_path, f"Time [ms],Position [rad],Iq [A],{last}\n" + "".join(rows)))
+    assert {column.group for column in table.columns} == {0}  # nothing follows
+
+
+def test_a_column_of_text_is_among_those_that_are_not_used(tmp_path: Path) -> None:
+    rows = [f"{k},{0.1 * k:.1f},0x12F,{k}\n" for k in range(25)]
+    path = write(tmp_path, "Time [ms],Position [rad],Status,Iq [A]\n" + "".join(rows))
+    assert propose(open_table(path)).unused == (("Status", "text"),)
+
+
+@pytest.mark.parametrize(
+    ("unit", "si"),
+    [("tr/min", RPM), ("giri/min", RPM), ("vueltas/min", RPM), ("mrad/s", 1e-3), ("tr/s", 2 * math.pi)],
+)
+def test_units_of_a_speed(unit: str, si: float) -> None:
+    assert unit_of(unit) == ("rad/s", pytest.approx(si))
+
+
+def test_units_of_milliamperes_and_milliradians() -> None:
+    assert unit_of("mA rms") == unit_of("mA eff") == ("A", pytest.approx(1e-3 * math.sqrt(2)))
+    assert unit_of("mrad") == ("rad", 1e-3)
+
+
+def test_a_unit_that_is_not_known_is_named(tmp_path: Path) -> None:
+    rows = [f"{k},{0.1 * k:.1f},{100 + k % 3},{k}\n" for k in range(25)]
+    path = write(tmp_path, "Time [ms],Position [rad],Speed Actual [1/s],Iq [A]\n" + "".join(rows))
+    said = "unit \"1/s\" is not known; --map omega='Speed Actual [rpm]' states one that is"
+    assert propose(open_table(path)).unused == (("Speed Actual [1/s]", said),)
+    assert f"Speed Actual [1/s]: {said}" in describe(path).remarks
+    assert "omega" in read_log(path, mapping={"omega": "Speed Actual [rpm]"})
+    path = write(tmp_path, "Time [ms],Pos [foo],Speed Actual [1/s],Iq [A]\n" + "".join(rows))
+    with pytest.raises(LogError, match='unit "foo" is not known'):
+        read_log(path)
 
 
 def test_groups_that_do_not_overlap(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import check
-from pmsm_ctrl.importers.lost import frozen, jumps, lost_samples, spikes
+from pmsm_ctrl.importers.lost import freezes, jumps, lost_samples, spikes
 from pmsm_ctrl.log import Log
 
 T = np.arange(3000) * 1e-3
@@ -78,14 +78,58 @@ def test_a_step_of_the_speed_is_no_spike() -> None:
     assert spikes(np.where(np.arange(3000) % 2, 50.0, -50.0)).size == 0  # alternating is not lost, it is another thing
 
 
+def frozen(i_q: np.ndarray, *stretches: tuple[int, int]) -> np.ndarray:
+    held = i_q.copy()
+    for start, samples in stretches:
+        held[start : start + samples + 1] = held[start]
+    return held
+
+
 def test_a_channel_that_freezes(rng: np.random.Generator) -> None:
     log = record(rng)
-    held = log["i_q"].copy()
-    held[1000:1101] = held[1000]
-    assert frozen(held, log["omega"]) == (1000, 100)
+    held = frozen(log["i_q"], (1000, 100))
+    assert freezes(held, log["omega"]) == [(1000, 100)]
     (found,) = lost_samples(record(rng, i_q=held))
     assert found.code == "frozen_channel"
     assert (found.detail["duration"], found.detail["at"]) == (pytest.approx(0.1), pytest.approx(1.0))
+
+
+@pytest.mark.parametrize("samples", [300, 1200, 1999])
+def test_a_channel_that_freezes_for_long(rng: np.random.Generator, samples: int) -> None:
+    (found,) = lost_samples(record(rng, i_q=frozen(record(rng)["i_q"], (1000, samples))))
+    assert (found.code, found.detail["count"]) == ("frozen_channel", 1)
+    assert found.detail["duration"] == pytest.approx(samples * 1e-3)
+
+
+def test_a_channel_that_freezes_several_times(rng: np.random.Generator) -> None:
+    (found,) = lost_samples(record(rng, i_q=frozen(record(rng)["i_q"], (400, 100), (1200, 300), (2000, 500))))
+    assert (found.detail["count"], found.detail["total"]) == (3, pytest.approx(0.9))
+    assert "for 0.1 s from t = 0.4 s; 3 times, 0.9 s in all" in found.text
+
+
+def test_what_rests_or_is_held_or_coarse_or_switched_off_is_not_frozen(rng: np.random.Generator) -> None:
+    i_q = record(rng)["i_q"]
+    assert lost_samples(record(rng, i_q=np.round(i_q, 2))) == []
+    assert lost_samples(record(rng, i_q=0.1 * np.sign(OMEGA))) == []  # a command
+    assert lost_samples(record(rng, i_q=np.where(T < 2.0, i_q, 0.0))) == []  # the axis coasts
+    rests = np.where(T < 2.0, OMEGA, rng.normal(0.0, 0.01, T.size))
+    assert lost_samples(record(rng, omega=rests, i_q=frozen(i_q, (2000, 999)))) == []
+
+
+@pytest.mark.parametrize("samples", [4, 10, 30])
+@pytest.mark.parametrize("channel", ["i_q", "theta", "omega"])
+def test_a_channel_that_is_held_was_recorded_at_a_lower_rate(
+    rng: np.random.Generator, channel: str, samples: int
+) -> None:
+    values = record(rng)[channel][samples * (np.arange(T.size) // samples)]
+    (found,) = [notice for notice in lost_samples(record(rng, **{channel: values})) if "jump" not in notice.code]
+    assert (found.code, found.detail["channel"], found.detail["periods"]) == ("held_channel", channel, samples)
+
+
+def test_a_command_of_a_speed_loop_is_no_held_channel(rng: np.random.Generator) -> None:
+    assert lost_samples(record(rng, i_q=record(rng)["i_q"][2 * (np.arange(T.size) // 2)])) == []
+    log = record(rng, i_q=record(rng)["i_q"][8 * (np.arange(T.size) // 8)])
+    assert lost_samples(log.with_channels(t=0.125 * T)) == []  # 1 ms, at 8 kHz
 
 
 @pytest.mark.parametrize("scenario", ["sweep", "chirp", "reversal", "positioning"])
