@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, NextCommand, require_kind
-from pmsm_ctrl.log import Log, as_logs
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.result import Estimate
@@ -69,7 +69,9 @@ def verify(
         others are no logs.
     """
     require_kind(design, Design, "design")
-    found = [_completed(log) for log in as_logs((before, after))]
+    for number, log in enumerate((before, after), start=1):
+        require_kind(log, Log, f"log {number}")
+    found = [_completed(log) for log in (before, after)]
     channel = _channel(found)
     records = _records(design, found, channel)
     expected = design.compensation.gain or 1.0

@@ -29,7 +29,7 @@ def test_what_verify_refuses_is_what_the_list_says_that_it_needs(designs: Path) 
     log = Log(PLAIN)
     assert lacking("verify", log) == ["omega_ref", "theta_ref"]
     with pytest.raises(LogError, match="neither omega_ref nor theta_ref"):
-        verify(design, log, Log({**PLAIN, "t": T + 1.0}))
+        verify(design, log, log)
     assert lacking("verify", Log({**PLAIN, "omega_ref": SPEED})) == []
     assert lacking("quadrants", log) == ["theta_ref"]
     assert lacking("identify, compare, diagnose, track", log) == []
