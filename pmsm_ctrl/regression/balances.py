@@ -41,7 +41,7 @@ from pmsm_ctrl.regression.reference_steps import with_swings
 from pmsm_ctrl.regression.reversals import as_sampled
 from pmsm_ctrl.regression.thinning import interpolated
 from pmsm_ctrl.regression.timing import ending_steadily, punctual, time_in_gaps
-from pmsm_ctrl.regression.weights import Weighing, at_given_rate, quantisation_error, speed_asked, voltage_weights
+from pmsm_ctrl.regression.weights import Weighing, at_given_rate, error_by_steps, speed_asked, voltage_weights
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit, drives
 
@@ -439,7 +439,7 @@ def _made(
     voltages = voltage_weights(design, prepared, signals, level, log, channels[1:])
     source = "torque" if "torque" in log else "i_q"
     # thinned, or its filter undone, a channel shows its steps no more
-    levels = [quantisation_error(given[name], given.rate) for name in (source, *channels[1:])]
+    levels = [error_by_steps(given[name], given.rate, prepared.cutoff) for name in (source, *channels[1:])]
     levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
     log = replace(log, channels={n: log[n] for n in ("t", "theta", source) if n in log})  # the rest of it is large
     at_all = at_given_rate(whole, log, timing, prepared, source)

@@ -21,6 +21,7 @@ from pmsm_ctrl.regression.timing import punctual
 __all__ = [
     "Weighing",
     "at_given_rate",
+    "error_by_steps",
     "on_grid",
     "prefilter",
     "quantisation_error",
@@ -229,6 +230,25 @@ def quantisation_error(raw: Array, rate: float) -> float:
     if not _quantised(change, step, len(steps) + 1, rate):
         return 0.0
     return 0.5 * step if scatter(raw, rate) < DITHER * step else 0.0
+
+
+def error_by_steps(raw: Array, rate: float, cutoff: float) -> float:
+    """Return the error that the steps of a channel leave in a band: the largest, for the time in which it stays there.
+
+    What passes from level to level faster than the filter forgets has errors of every size, and the filter takes them
+    out. On a level on which it stays the error is the same for all of that time.
+
+    Parameters
+    ----------
+    raw : array, shape (n,)
+    rate, cutoff : float
+        Of the log and of the band, Hz.
+    """
+    largest = quantisation_error(raw, rate)
+    if largest == 0.0:
+        return 0.0
+    stays = np.diff(np.concatenate([[-1], np.flatnonzero(np.diff(raw)), [len(raw) - 1]]))
+    return largest * float(np.sqrt(stays[stays > 0.5 * rate / cutoff].sum() / len(raw)))
 
 
 def _quantised(change: Array, step: float, levels: int, rate: float) -> bool:
