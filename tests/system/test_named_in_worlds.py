@@ -15,7 +15,6 @@ from tests.benchmarks.worlds.world import draw
 from tests.effort import slow
 
 # Starts that no dry friction explains are left out, 1 to 2 % of the samples: p = 0.012 in the usual band then.
-FEWER_STARTS = pytest.mark.xfail(strict=True, reason="on the edge, and lost with the samples of a few starts")
 
 
 @pytest.mark.slow
@@ -483,12 +482,7 @@ def test_a_wave_above_the_band_is_seen_through_the_filter_of_the_drive_signal() 
     ("seed", "effect", "hidden"),
     [
         (2500479, "unbalance", {"wave": 6.253671, "wave_order": 1.0, "wave_phase": 3.424293}),
-        pytest.param(
-            2501110,
-            "cogging",
-            {"wave": 15.58147, "wave_order": 36.0, "wave_phase": 4.667549},
-            marks=[pytest.mark.slow, FEWER_STARTS],
-        ),
+        slow(2501110, "cogging", {"wave": 15.58147, "wave_order": 36.0, "wave_phase": 4.667549}),
     ],
 )
 def test_a_name_that_half_the_band_confirms_is_kept_where_most_of_the_torque_is_noise(
