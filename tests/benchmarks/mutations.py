@@ -320,6 +320,20 @@ MUTATIONS = (
     Mutation("a motion that reverses is an excitation", "frf/frf.py",
              "if instrument in MOTIONS and", "if False and",
              "unit/frf/test_frf.py -k that_reverses"),
+    Mutation("a voltage in step: what all places share is a share of theirs", "regression/reference_steps.py",
+             "    share -= np.mean(share)\n", "", "unit/regression/test_reference_steps.py"),
+    Mutation("the torque of an i_d that a loop lets through is gained", "regression/reluctance.py",
+             "return -np.asarray(torque_em", "return np.asarray(torque_em", "unit/regression/test_coupling.py"),
+    Mutation("an axis that a load drives one way has its friction fitted", "regression/base_fit.py",
+             "if record.driven:", "if False:", "unit/diagnose/test_driven.py"),
+    Mutation("the same log twice is two records", "log.py",
+             "if len(found) > 1 and", "if False and", "unit/test_log.py -k no_second_record"),
+    Mutation("half a step of a channel counts however fast it passes", "regression/weights.py",
+             "return largest * float(np.sqrt(", "return largest + 0.0 * float(np.sqrt(",
+             "unit/regression/test_quantisation.py"),
+    Mutation("a friction that bends above the highest speed is a curve", "diagnose/judging.py",
+             "if bends and one.shape[bends] >", "if bends and one.shape[bends] > 1e9 *",
+             "unit/diagnose/test_judging.py"),
 )  # fmt: skip
 
 
