@@ -7,7 +7,7 @@ import pytest
 
 from pmsm_ctrl import Design, diagnose
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression import balances
+from pmsm_ctrl.regression import balances, reference_steps
 from pmsm_ctrl.regression.balances import make_record
 from tests.effort import seeds
 
@@ -59,3 +59,13 @@ def test_no_winding_is_off_and_no_dead_time_missing_for_it(monkeypatch: pytest.M
     monkeypatch.setattr(balances, "with_swings", lambda design, log, prepared: prepared)
     without = diagnose(DESIGN, log, plan=False)
     assert "psi_f" in [one.parameter for one in without.parameter_deviations if one.flagged]
+
+
+def test_what_every_place_has_of_a_fast_signal_is_no_swing() -> None:
+    """Edges of the acceleration are fast themselves; two dead times of clean means were lost for them."""
+    along = np.sign(np.sin(0.05 * np.arange(4000)))
+    place = np.arange(4000) % 4
+    own = np.array([0.2, 0.0, -0.2, 0.0])
+    share, error = reference_steps._shares((0.3 + own[place]) * along, along, place, 4)
+    assert share == pytest.approx(own)
+    assert np.all(error > 0.0)
