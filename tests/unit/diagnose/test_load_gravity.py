@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, Log, compare, diagnose
+from pmsm_ctrl.effects import CATALOGUE
+from pmsm_ctrl.regression.balances import make_record
 from tests.benchmarks.worlds.hidden import hidden_log
 from tests.benchmarks.worlds.world import draw
 from tests.effort import seeds, slow
@@ -98,3 +100,14 @@ def test_a_saturation_is_no_gravity_where_the_position_is_the_acceleration() -> 
     made = hidden_log(world, "torque_saturation", 5.37)
     assert made is not None
     assert [step.effect for step in diagnose(world.design, made[0], plan=False).steps] == ["torque_saturation"]
+
+
+def test_what_a_saturated_torque_lacks_is_a_rival_of_gravity_on_a_rotary_axis() -> None:
+    log = arm(1, 0.6, 0.1, seconds=4.0)
+    record = make_record(DESIGN, log)
+    gravity, torque = CATALOGUE["load_gravity"], record.signals["torque"]
+    shape = {"period": 2.0 * np.pi * RATIO}
+    rivals = [np.asarray(one["torque"]) for one in gravity.structure.rivals(gravity, shape, record)]
+    saturated = torque * torque**2
+    alike = [abs(np.corrcoef(one, saturated)[0, 1]) for one in rivals]
+    assert max(alike) == pytest.approx(1.0, abs=1e-9)
