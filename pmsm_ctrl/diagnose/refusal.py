@@ -69,8 +69,8 @@ WORDS: Mapping[Reason, str] = {
     "that whatever is left repeats with the position as well; motion over other positions would tell",
     Reason.EXPLAINED_BY_RIVALS: "explained to {percent:.0f} % by channel timing, channel filters, harmonics of a "
     "turn or presliding (cross-validation gain beside them {gain})",
-    Reason.LIKE_RIPPLE: "not distinguishable from the reluctance torque of a current that the log lacks "
-    "({percent:.0f} % of it): instants of i_d and i_q in the log, stated as such, would tell",
+    Reason.LIKE_RIPPLE: "not distinguishable from the reluctance torque of a current ripple ({percent:.0f} % of it): "
+    "instants of i_d and i_q in the log, stated as such, would tell",
     Reason.IN_STEP: "not distinguishable from currents and voltages sampled in step with a held reference: {what} "
     "outside the tolerance, as such a log shows it",
     Reason.ONE_WAY: "not distinguishable from dry and viscous friction: the axis goes {percent:.2g} % of its way back; "

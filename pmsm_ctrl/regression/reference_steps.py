@@ -74,25 +74,26 @@ def with_swings(design: Design, log: Log, prepared: Prepared) -> Prepared:
 def _swing(fast: Array, motion: list[Array], longest: int) -> tuple[float, float]:
     """Return the swing of what is fast over the surest period of up to so many samples."""
     best, found = SURE, (0.0, 0.0)
+    terms = [(along**2, fast * along, (fast * along) ** 2) for along in motion]
     for period in range(2, longest + 1):
         place = np.arange(len(fast)) % period
-        shares = [_shares(fast, along, place, period) for along in motion]
+        shares = [_shares(*one, place, period) for one in terms]
         sure = max(math.sqrt(float(np.mean((share / error) ** 2))) for share, error in shares)
         if sure > best:
             best, found = sure, (_rms(*shares[0]), _rms(*shares[1]))
     return found
 
 
-def _shares(fast: Array, along: Array, place: NDArray[np.intp], period: int) -> tuple[Array, Array]:
+def _shares(square: Array, product: Array, squared: Array, place: NDArray[np.intp], period: int) -> tuple[Array, Array]:
     """Return by how much the share of a signal in what is fast differs at each place of a period, and the error.
 
-    What all places share is the filter's.
+    By the square of the signal, its product with what is fast, and the square of that. What all places share is the
+    filter's.
     """
-    squares = np.maximum(np.bincount(place, along**2, period), 1e-300)
-    share = np.bincount(place, fast * along, period) / squares
-    share -= np.mean(share)
-    error = np.sqrt(np.bincount(place, (fast * along) ** 2, period)) / squares
-    return share, np.maximum(error, 1e-300)
+    squares = np.maximum(np.bincount(place, square, period), 1e-300)
+    share = np.bincount(place, product, period) / squares
+    error = np.sqrt(np.bincount(place, squared, period)) / squares
+    return share - np.mean(share), np.maximum(error, 1e-300)
 
 
 def _rms(share: Array, error: Array) -> float:

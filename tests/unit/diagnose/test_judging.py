@@ -14,6 +14,7 @@ from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.effects import CATALOGUE
+from pmsm_ctrl.effects.structures.spring import FREQUENCY
 from pmsm_ctrl.regression.drive_timing import SPREAD
 
 STRUCTURE = SimpleNamespace(has_memory=True, never_minor=lambda shape: False)
@@ -82,6 +83,29 @@ def test_a_delay_is_one_where_no_filter_can_be_it(
 ) -> None:
     refusal = judge_sampling(delayed(late, spread, stated), POLICY)
     assert (refusal and refusal.reason) is expected
+
+
+@pytest.mark.parametrize(("effect", "shape"), [("compliance", {FREQUENCY: 86.0}), ("cogging", {"order": 8.0})])
+@pytest.mark.parametrize(
+    ("noise", "spread", "refused"), [(0.7, 4e-5, True), (0.7, 1e-5, False), (0.7, -4e-5, False), (0.04, 4e-5, False)]
+)
+def test_a_spring_beside_a_spread_that_no_sampling_makes_is_noise(
+    monkeypatch: pytest.MonkeyPatch, effect: str, shape: dict[str, float], noise: float, spread: float, refused: bool
+) -> None:
+    """Of 5 ms a sampling spreads a signal by 4.2e-6 s^2: three of them and of its errors are 1.5e-5."""
+    monkeypatch.setattr(judging, "noise_share", lambda *args: noise)
+    record = SimpleNamespace(acceleration=lambda: None, shaft_noise=lambda: None)
+    model = SimpleNamespace(names=("J", SPREAD), sigma=np.array([1e-5, 4.2e-6]))
+    plain = SimpleNamespace(values=np.array([1e-4, spread]), stderr=np.array([1e-7, 8e-7]))
+    last = SimpleNamespace(effect=CATALOGUE[effect], shape=shape)
+    after: Any = SimpleNamespace(record=record, model=model, plain=plain, accepted=(last,))
+    found = judging._judge_noise(after)
+    if not refused or effect != "compliance":
+        assert found is None
+        return
+    assert found is not None
+    assert found.reason is Reason.LIKE_NOISE
+    assert "spread over 8.9 ms" in str(found)
 
 
 @pytest.mark.parametrize(("effect", "symbol"), [("rising_friction", "w_r"), ("stribeck", "w_s")])

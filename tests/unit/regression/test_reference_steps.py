@@ -66,6 +66,7 @@ def test_what_every_place_has_of_a_fast_signal_is_no_swing() -> None:
     along = np.sign(np.sin(0.05 * np.arange(4000)))
     place = np.arange(4000) % 4
     own = np.array([0.2, 0.0, -0.2, 0.0])
-    share, error = reference_steps._shares((0.3 + own[place]) * along, along, place, 4)
+    product = (0.3 + own[place]) * along * along
+    share, error = reference_steps._shares(along**2, product, product**2, place, 4)
     assert share == pytest.approx(own)
     assert np.all(error > 0.0)
