@@ -8,11 +8,11 @@ from dataclasses import replace
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.addition import Addition
 from pmsm_ctrl.diagnose.case import Case
-from pmsm_ctrl.diagnose.diagnosis import condition
 from pmsm_ctrl.diagnose.driven import driven_one_way
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design
 from pmsm_ctrl.diagnose.fitted_design import base_parameters, fitted_design, fitted_parameters
 from pmsm_ctrl.diagnose.late import with_its_delay
+from pmsm_ctrl.diagnose.made_ready import condition
 from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.notices import at_bounds
 from pmsm_ctrl.diagnose.outcome import errors_table, record_rows

@@ -16,14 +16,11 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import offered_effects
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.contributions import Contributions, contributions_of
-from pmsm_ctrl.diagnose.diagnosis import (
-    condition,
-    finished,
-    searched,
-)
+from pmsm_ctrl.diagnose.diagnosis import searched
 from pmsm_ctrl.diagnose.explorer import HeldOutTraces, coordinates_of, traces_between
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
+from pmsm_ctrl.diagnose.made_ready import condition
 from pmsm_ctrl.diagnose.other_bands import without_what_happened_once
 from pmsm_ctrl.diagnose.outcome import errors_table, noise_floor
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
@@ -32,6 +29,7 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, Errors, Ranked
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Selection, judged_trials, name_of, with_trial
+from pmsm_ctrl.diagnose.written import finished
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import LogError, RequestError, nearest
 from pmsm_ctrl.log import Log, Logs, as_logs

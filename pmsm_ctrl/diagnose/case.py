@@ -18,7 +18,7 @@ from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.columns import SINGLE
+from pmsm_ctrl.regression.columns import SINGLE, forget_effects
 from pmsm_ctrl.regression.fast_orders import Beyond
 from pmsm_ctrl.section import Notice
 
@@ -162,6 +162,19 @@ class Case:
         if len(fit.record.mask) > SINGLE:
             self.fits.clear()
         self.keep(fit)
+
+    def forget_candidates(self, bands: bool) -> None:
+        """Forget the columns of the candidates and the fits of a search: hundreds that no test needs any more.
+
+        Parameters
+        ----------
+        bands : bool
+            Whether the other bands are forgotten as well: where something is named, nothing is looked for in them.
+        """
+        forget_effects(self.record)
+        self.fits.clear()
+        if bands:
+            self.bands.clear()
 
     def without_candidates(self, accepted: tuple[Accepted, ...]) -> Fitted:
         """Return the design with these effects fitted, with no candidate tried.

@@ -20,44 +20,11 @@ from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Deviation, Verdict
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
-from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.notices import SAMPLED_IN_STEP, timing_notice
 from pmsm_ctrl.regression.saturated import FEWEST_DIRECTIONS, SAMPLES_PER_DIRECTION
 from pmsm_ctrl.section import Notice
 
-__all__ = ["explains_most", "explains_most_beside_noise", "judged", "open_questions"]
-
-
-def explains_most(fit: Fitted, policy: Policy = POLICY) -> bool:
-    """Whether a model explains most of the torque that is not noise, and not much less than is noise.
-
-    A load that no model knows may be taken for noise: where noise is most of the torque, the two cannot be told apart.
-
-    Parameters
-    ----------
-    fit : Fitted
-    policy : Policy
-    """
-    torque = level_of(fit, 0)
-    return torque.explained >= policy.explained_torque * max(torque.explicable, 1.0 - torque.explicable)
-
-
-def explains_most_beside_noise(fit: Fitted, policy: Policy = POLICY) -> bool:
-    """Whether a model explains most of the torque that is not noise, however little, and the rest is as fast as noise.
-
-    A load that no channel holds is slower. White noise has half of its power in the upper half of the band; half as
-    much as that is asked for.
-
-    Parameters
-    ----------
-    fit : Fitted
-    policy : Policy
-    """
-    torque, record = level_of(fit, 0), fit.record
-    rest = np.where(record.mask, fit.residual[0], 0.0)
-    slow = low_pass(rest, record.rate, 0.5 * record.cutoff)
-    fast = float(np.mean((rest - slow) ** 2)) >= 0.5 * policy.stable * float(np.mean(rest**2))
-    return fast and torque.explained >= policy.explained_torque * torque.explicable
+__all__ = ["judged", "open_questions"]
 
 
 def judged(

@@ -13,10 +13,11 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
-from pmsm_ctrl.diagnose.outcome import errors_table
+from pmsm_ctrl.diagnose.outcome import errors_table, strangers
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors
 from pmsm_ctrl.diagnose.selection import Selection, name_of
+from pmsm_ctrl.log import Log, names_of
 from pmsm_ctrl.regression.evaluated import as_compared, with_evaluation
 from pmsm_ctrl.regression.prediction import Prediction, predict
 from pmsm_ctrl.regression.prediction import errors as errors_of
@@ -24,7 +25,7 @@ from pmsm_ctrl.regression.record_result import RecordResult
 from pmsm_ctrl.regression.records import members
 from pmsm_ctrl.regression.worse_than_given import worse_by_error
 
-__all__ = ["as_written", "astray", "lowering"]
+__all__ = ["as_written", "astray", "finished", "lowering"]
 
 
 def lowering(case: Case, selection: Selection) -> Selection:
@@ -117,6 +118,27 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
         for one in found.parameter_deviations
     )
     return replace(found, design=case.as_given, improved=False, notices=tuple(warned), parameter_deviations=unsure)
+
+
+def finished(case: Case, found: Diagnosis, holdouts: tuple[Log, ...]) -> Diagnosis:
+    """Return a diagnosis with the names of its logs, and what `compare` will say of its design.
+
+    Parameters
+    ----------
+    case : Case
+    found : Diagnosis
+    holdouts : tuple of Log
+
+    Returns
+    -------
+    Diagnosis
+    """
+    found = as_written(case, found)
+    others = strangers(found.records, found.errors["final"]["torque"]["rms"], case.policy)
+    for record in (case.record, *case.holdouts):
+        record.kept.clear()  # what was remembered of the log stays with no result
+    found = replace(found, notices=(*found.notices, *others))
+    return replace(found, log_name=case.name, holdout_name=names_of(holdouts, "the held-out log"))
 
 
 def _as_compared(case: Case, designs: Sequence[Design]) -> list[tuple[float, float]]:

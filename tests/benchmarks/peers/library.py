@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.diagnosis import condition
 from pmsm_ctrl.diagnose.fit import fit_design
+from pmsm_ctrl.diagnose.made_ready import condition
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.log import Log

@@ -12,7 +12,7 @@ import pytest
 from pmsm_ctrl import Design, simulate
 from pmsm_ctrl.diagnose import above_band, diagnose
 from pmsm_ctrl.diagnose.bands import conditioned_in
-from pmsm_ctrl.diagnose.diagnosis import condition
+from pmsm_ctrl.diagnose.made_ready import condition
 from pmsm_ctrl.diagnose.other_bands import hidden_by_noise, in_bands_of_springs, in_narrower_bands, rings_beyond
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal

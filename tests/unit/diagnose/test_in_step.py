@@ -10,8 +10,8 @@ import pytest
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
-from pmsm_ctrl.diagnose.diagnosis import condition
 from pmsm_ctrl.diagnose.in_step import sampled_in_step
+from pmsm_ctrl.diagnose.made_ready import condition
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log

@@ -16,9 +16,10 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose import selection as rounds
 from pmsm_ctrl.diagnose.case import Case
-from pmsm_ctrl.diagnose.diagnosis import condition, searched
+from pmsm_ctrl.diagnose.diagnosis import searched
 from pmsm_ctrl.diagnose.fit import Accepted
 from pmsm_ctrl.diagnose.look_alikes import equivalents
+from pmsm_ctrl.diagnose.made_ready import condition
 from pmsm_ctrl.diagnose.measures import has_own_order
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
@@ -31,6 +32,7 @@ from pmsm_ctrl.simulate import simulate
 from tests.effort import seeds
 
 algorithm = sys.modules["pmsm_ctrl.diagnose.diagnosis"]
+other_views = sys.modules["pmsm_ctrl.diagnose.other_views"]
 
 
 def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> Any:
@@ -278,11 +280,13 @@ def test_minor_effects_are_selected_where_one_was_refused_as_minor(
     fit: Any = SimpleNamespace()
     asked: list[bool] = []
     for name, made in {
-        "_select": select, "_answered": answered, "significant": lambda *a: {"a"},
-        "explains_most": lambda *a: True, "in_narrower_bands": lambda *a: (), "in_bands_of_springs": lambda *a: (),
+        "_select": select, "_answered": answered, "explains_most": lambda *a: True,
         "together": lambda case, found: found, "sampled_in_step": lambda *a: None,
     }.items():  # fmt: skip
         monkeypatch.setattr(algorithm, name, made)
+    for name in ("in_narrower_bands", "in_bands_of_springs"):
+        monkeypatch.setattr(other_views, name, lambda *a: ())
+    monkeypatch.setattr(other_views, "significant", lambda *a: {"a"})
     case, found = searched(Case(None, None, {}), False, lambda share: None)  # type: ignore[arg-type]
     assert asked == ([False, True] if reason is Reason.MINOR else [False])
     assert bool(found.steps) == case.minor_too == (passes and stays and reason is Reason.MINOR)

@@ -12,8 +12,9 @@ from pmsm_ctrl.compare import compare
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.bands import conditioned_in
 from pmsm_ctrl.diagnose.candidates import offered_effects
-from pmsm_ctrl.diagnose.diagnosis import condition, searched
+from pmsm_ctrl.diagnose.diagnosis import searched
 from pmsm_ctrl.diagnose.late import not_ahead
+from pmsm_ctrl.diagnose.made_ready import condition
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from tests.effort import seeds

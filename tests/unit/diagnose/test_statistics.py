@@ -13,8 +13,8 @@ from scipy.stats import chi2
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.diagnose.diagnosis import condition
 from pmsm_ctrl.diagnose.limits import detection_limits
+from pmsm_ctrl.diagnose.made_ready import condition
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.search import plain_evidence
 from pmsm_ctrl.effects.catalogue import CATALOGUE

@@ -11,12 +11,13 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.explained import explains_most, explains_most_beside_noise
 from pmsm_ctrl.diagnose.level import Level, level_of
 from pmsm_ctrl.diagnose.outcome import noise_floor
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Deviation
-from pmsm_ctrl.diagnose.verdict import explains_most, explains_most_beside_noise, judged
+from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.drive_timing import DriveTiming
