@@ -31,12 +31,12 @@ __all__ = [
     "LONGEST_FILTER",
     "SPEED_SPREAD",
     "SPREAD",
-    "STATED_WITHIN",
     "SURE",
     "SYNCHRONOUS",
     "UNDELAYED",
     "DriveTiming",
     "Sampling",
+    "control_period",
     "drive_sampling",
     "emf_left",
     "emf_winding",
@@ -46,6 +46,7 @@ __all__ = [
     "possible_sampling",
     "sampling_columns",
     "stated_timing",
+    "stated_within",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -64,8 +65,8 @@ OTHERS = ("theta", "omega", "u_d", "u_q")
 # for the rest to be called a delay.
 SURE = 3.0
 MET = 0.03  # of a sample: a delay below it is met well enough to first order
-# Share of a log period by which a stated time of sampling may be off: two boards have two clocks.
-STATED_WITHIN = 0.05
+STATED_WITHIN = 0.05  # of a log period, by which a stated time of sampling may be off in any case
+SLOWEST_CONTROL = 4e3  # Hz: control rate of a drive that states none
 # Period of the speed loop of a drive of which nothing is known, and what a current loop lags its command at most, s:
 # one of 160 Hz and more.
 UNKNOWN_LOOP, CURRENT_LOOP = 1e-3, 1e-3
@@ -304,6 +305,32 @@ def in_time(design: Design, log: Log, more: DriveTiming = UNDELAYED) -> Log:
     return more.undone(log.with_channels(omega=omega), ("omega",))
 
 
+def control_period(design: Design) -> float:
+    """Return the period of a drive's current control, s; the longest usual one where nothing is stated of it.
+
+    Parameters
+    ----------
+    design : Design
+    """
+    return 1.0 / (design.drive.f_control if "f_control" in design.drive.model_fields_set else SLOWEST_CONTROL)
+
+
+def stated_within(design: Design, period: float) -> float:
+    """Return by how much a stated time of sampling may be off, s.
+
+    Two boards have two clocks. And a row holds what belongs to one period of the control, not to one instant: a mean
+    of samples and a filter of samples are half a period earlier than in continuous time, and the angle that a serial
+    encoder sends may be one period old. A command is neither of these.
+
+    Parameters
+    ----------
+    design : Design
+    period : float
+        Of the log, s.
+    """
+    return max(STATED_WITHIN * period, control_period(design))
+
+
 def possible_sampling(design: Design, log: Log) -> tuple[float, float]:
     """Return how late and how early, s, the drive signal of a log may be sampled beside the position.
 
@@ -319,7 +346,8 @@ def possible_sampling(design: Design, log: Log) -> tuple[float, float]:
     """
     stated, period = drive_sampling(design, log), log.period
     if stated.stated and ("theta" in log or design.log.of("omega").stated):
-        return STATED_WITHIN * period, STATED_WITHIN * period
+        within = stated_within(design, period)
+        return within, within
     late = max(period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
     return STATED_WITHIN * period if stated.sampling == "command" else late, late + CURRENT_LOOP
 

@@ -16,7 +16,7 @@ from pmsm_ctrl.evidence.linalg import factored, occupied, orthonormal_rows
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
-from pmsm_ctrl.regression.drive_timing import STATED_WITHIN
+from pmsm_ctrl.regression.drive_timing import stated_within
 from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
 from pmsm_ctrl.regression.sampling_terms import Term, coupled_terms, instant_terms, sampling_terms, speed_terms
@@ -386,7 +386,7 @@ def _winding(design: Design, record: Record) -> Iterator[Term]:
     for name, (part, modelled) in parts.items():
         nominal, sigma = 0.0, np.inf
         if name in TIMING:
-            sigma = STATED_WITHIN * record.period if record.design.log.of("u_q").stated else COMMAND
+            sigma = stated_within(record.design, record.period) if record.design.log.of("u_q").stated else COMMAND
         elif name == ALIGNMENT:
             sigma = ALIGNED
         elif name not in ANSWER:

@@ -22,10 +22,11 @@ from pmsm_ctrl.regression.drive_timing import (
     LATENESS,
     SPEED_SPREAD,
     SPREAD,
-    STATED_WITHIN,
     SURE,
     DriveTiming,
+    control_period,
     emf_left,
+    stated_within,
 )
 from pmsm_ctrl.regression.notices import SAMPLED_IN_STEP
 from pmsm_ctrl.regression.reference_steps import HELD
@@ -38,8 +39,7 @@ Array = NDArray[np.float64]
 
 # Age of a speed that the drive filtered before it was logged, s.
 FILTERED = 3e-3
-# Control rate of a drive that states none, Hz; and a third of 0.1 % of the torque, as small as effects are named.
-SLOWEST_CONTROL, LEAST_EXCESS = 4e3, 3e-4
+LEAST_EXCESS = 3e-4  # a third of 0.1 % of the torque, as small as effects are named
 SLOWEST_LOOP = 2.0 * math.pi * 100.0  # rad/s: of a current loop
 LOOPS_APART = 3.0  # largest speed loop over position loop
 COUPLED = "coupled"  # inverse of the integral gain of the d-axis controller, A s/V
@@ -77,7 +77,9 @@ def speed_terms(record: Record, age: DriveTiming, settled: bool) -> Iterator[Ter
     """
     torque, stated = record.signals["torque"], record.design.log.of("omega").stated
     slope = record.rate_of(torque)
-    yield Term(AGE, lambda: {"torque": slope}, 0.0, STATED_WITHIN * record.period if stated else FILTERED, True)
+    yield Term(
+        AGE, lambda: {"torque": slope}, 0.0, stated_within(record.design, record.period) if stated else FILTERED, True
+    )
     if record.late is not None and not stated:
         known = max(record.sampling, age.lag) ** 2 / 6.0
         curved = record.rate_of(slope)
@@ -164,9 +166,7 @@ def instant_terms(record: Record) -> Iterator[Term]:
     design, omega = record.design, record.signals["omega"]
     if design.motor.p is None or record.late is None:
         return
-    stated = "f_control" in design.drive.model_fields_set
-    period = 1.0 / (design.drive.f_control if stated else SLOWEST_CONTROL)
-    excess = (design.motor.p * omega * period) ** 2 / 12.0
+    excess = (design.motor.p * omega * control_period(design)) ** 2 / 12.0
     if float(excess.max()) > LEAST_EXCESS:
         torque = record.signals["torque"]
         yield Term(INSTANT, lambda: {"torque": torque * excess}, 0.0, 1.0, True)

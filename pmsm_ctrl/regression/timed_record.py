@@ -26,7 +26,6 @@ from pmsm_ctrl.regression.drive_timing import (
     LONGEST_FILTER,
     SPEED_SPREAD,
     SPREAD,
-    STATED_WITHIN,
     SURE,
     UNDELAYED,
     DriveTiming,
@@ -38,6 +37,7 @@ from pmsm_ctrl.regression.drive_timing import (
     late_for,
     possible_sampling,
     stated_timing,
+    stated_within,
 )
 from pmsm_ctrl.regression.edge_share import FEWEST, edge_share, falsified, has_edges
 from pmsm_ctrl.regression.edges import WRONG_TORQUE, steep
@@ -163,7 +163,7 @@ def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
     value, stderr = fit.value(name)
     sigma, spread = found.sigma
     if record.age is not None:  # a speed that is old makes a torque early
-        known_age = STATED_WITHIN * log.period if design.log.of("omega").stated else FILTERED
+        known_age = stated_within(design, log.period) if design.log.of("omega").stated else FILTERED
         value, sigma = -(record.age.delay + value), math.hypot(sigma, known_age)
         spread = max(spread, record.age.lag**2 / 2.0)
     spread = max(spread, record.timing.lag**2 / 6.0)
@@ -240,7 +240,7 @@ def _age(design: Design, record: Record, fit: Estimated) -> DriveTiming | None:
     spread = age.spread + value
     if spread - record.period**2 / 24.0 <= SURE * stderr:
         return DriveTiming(delay)
-    early = STATED_WITHIN * record.period if record.sampling_stated else record.sampling
+    early = stated_within(design, record.period) if record.sampling_stated else record.sampling
     lag = min(math.sqrt(2.0 * spread), max(delay + early, 0.0))
     return DriveTiming(delay - lag, lag)
 

@@ -340,8 +340,9 @@ def test_friction_that_is_not_the_designs_is_no_effect(factor: float) -> None:
 # ---- what the design states of the log ------------------------------------------------------------------------------
 
 
-def stating(**log: object) -> Design:
-    return Design.from_dict({**believed().to_dict(), "log": log})
+def stating(f_control: float | None = None, **log: object) -> Design:
+    drive = {} if f_control is None else {"drive": {"f_control": f_control}}
+    return Design.from_dict({**believed().to_dict(), **drive, "log": log})
 
 
 @pytest.mark.parametrize("seed", seeds(3, 4))
@@ -349,6 +350,18 @@ def test_a_stated_mean_over_the_period_is_undone(seed: int) -> None:
     found = diagnose(stating(sampling="mean"), made(seed, mean=True), plan=False)
     assert found.steps == ()
     assert found.timing.delay == pytest.approx(0.5 * PERIOD, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", seeds(3, 4))
+def test_a_stated_mean_is_one_of_samples_of_the_control(seed: int) -> None:
+    """The mean of four samples of a 4 kHz control is half a period of that earlier than the mean over the period."""
+    log = made(seed, late=-0.125e-3, mean=True)
+    found = diagnose(stating(sampling="mean", f_control=4e3), log, plan=False)
+    assert (found.verdict, names(found)) == ("consistent", [])
+    found = diagnose(stating(sampling="mean", f_control=20e3), log, plan=False)
+    assert names(found) == ["delay"]
+    tau = found.steps[0].parameters["tau"]  # the mean of this log is one of 50 samples, half of their 0.02 ms early too
+    assert abs(tau.value + 0.135e-3) < 3.0 * tau.stderr < 0.1e-3
 
 
 @pytest.mark.slow
