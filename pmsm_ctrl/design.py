@@ -166,9 +166,9 @@ class Design(Part):
         ----------
         parameter : str
         otherwise : float
-            Where the motor states none.
+            Where the motor states none, and there is no usual one.
         """
-        return FREE if parameter == "J" and self._inertia_free else self.motor.tolerance.get(parameter, otherwise)
+        return FREE if parameter == "J" and self._inertia_free else self.motor.tolerance_of(parameter, otherwise)
 
     @property
     def encoder_step(self) -> float:

@@ -82,6 +82,7 @@ def _convert_datasheet(data: dict[str, Any], part: type[SheetPart]) -> dict[str,
 
 # Parameters of which a datasheet may state the tolerance; the last two are those of a second mass.
 TOLERATED = ("J", "psi_f", "R", "L_d", "L_q", "J_load", "k")
+USUAL_TOLERANCE = {"J": 0.15, "psi_f": 0.07, "R": 0.15, "L_d": 0.2, "L_q": 0.2}  # of a datasheet that states none
 
 
 class Motor(SheetPart):
@@ -105,9 +106,21 @@ class Motor(SheetPart):
         default=None, description="torque per unit of the drive signal where no electrical data are known"
     )
     tolerance: dict[str, Fraction] = Field(
-        default_factory=lambda: {"J": 0.15, "psi_f": 0.07, "R": 0.15, "L_d": 0.2, "L_q": 0.2},
-        description=f"relative datasheet tolerance of each parameter: {', '.join(TOLERATED)}",
+        default_factory=USUAL_TOLERANCE.copy,
+        description=f"relative datasheet tolerance of each parameter: {', '.join(TOLERATED)}; "
+        "of those left out a fit takes the usual one, and a tuning examines no corner",
     )
+
+    def tolerance_of(self, parameter: str, otherwise: float) -> float:
+        """Return the relative tolerance of a parameter: as stated, or the usual one.
+
+        Parameters
+        ----------
+        parameter : str
+        otherwise : float
+            Where there is no usual one.
+        """
+        return self.tolerance.get(parameter, USUAL_TOLERANCE.get(parameter, otherwise))
 
     @field_validator("tolerance")
     @classmethod

@@ -61,7 +61,7 @@ def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[De
 def _allowed(design: Design, policy: Policy) -> float:
     """Return the tolerance of the torque constant, as a share: that of psi_f, where it follows from such a one."""
     assumed = design.assumed.K_t is not None
-    return policy.torque_constant if assumed else design.motor.tolerance.get("psi_f", policy.torque_constant)
+    return policy.torque_constant if assumed else design.motor.tolerance_of("psi_f", policy.torque_constant)
 
 
 def _torque_constant_by_load(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:

@@ -39,7 +39,7 @@ def voltages_in_step(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, .
     F_v = torque.value("F_v")
     taken = max(abs(F_v), abs(F_v - design.parameters("viscous").get("F_v", 0.0)))
     in_step = motor.L_q * 2.0 * math.pi * POLICY.fastest_loop * taken / emf
-    off = abs(psi_f.value - 1.0) - motor.tolerance.get("psi_f", POLICY.spread["psi_f"])
+    off = abs(psi_f.value - 1.0) - motor.tolerance_of("psi_f", POLICY.spread["psi_f"])
     if not 0.0 < off <= in_step:
         return log, ()
     kept = {name: values for name, values in log.channels.items() if name not in VOLTAGES}

@@ -318,7 +318,7 @@ def _motion_terms(design: Design, record: Record) -> Iterator[Term]:
     for at in record.changes:
         yield Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf, kept="turning")
     if "T_load" in s and np.ptp(s["T_load"]) > 0.0:
-        yield Term(LOAD_SCALE, lambda: {"torque": s["T_load"]}, 0.0, design.motor.tolerance.get("psi_f", TOLERANCE))
+        yield Term(LOAD_SCALE, lambda: {"torque": s["T_load"]}, 0.0, design.motor.tolerance_of("psi_f", TOLERANCE))
     for lines in record.lines:
         for number, wave in enumerate(("sin", "cos")):
             yield Term(f"{wave} {lines}", partial(_line_error, record, lines, number), 0.0, 1.0)
@@ -391,7 +391,7 @@ def _winding(design: Design, record: Record) -> Iterator[Term]:
             sigma = ALIGNED
         elif name not in ANSWER:
             nominal = float(getattr(motor, name))
-            sigma = motor.tolerance.get(name, TOLERANCE) * nominal
+            sigma = motor.tolerance_of(name, TOLERANCE) * nominal
         yield Term(name, part, nominal, sigma, modelled)
     for row, found in record.prepared.swings.items():
         for signal, swing in zip(("omega", "alpha"), found, strict=True):

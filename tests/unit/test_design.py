@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pydantic.fields import FieldInfo
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.design_parts import Part, SheetPart
+from pmsm_ctrl.design_parts import Motor, Part, SheetPart
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.units import DATASHEET, UNITS
 from tests.characters import ANY_CHARACTER
@@ -391,3 +391,14 @@ def test_unwritable_place_is_refused_and_nothing_is_left(tmp_path: Path) -> None
 def test_what_is_no_path_of_a_design_is_one_line(source: Any, hint: str) -> None:
     with pytest.raises(DesignError, match=rf"{hint}; the path of a design in TOML was expected"):
         Design.read(source)
+
+
+@pytest.mark.parametrize(
+    ("stated", "wanted"), [({}, 0.07), ({"J": 0.1}, 0.07), ({"psi_f": 0.02}, 0.02), ({"R": 0.0}, 0.07)]
+)
+def test_a_stated_tolerance_leaves_the_usual_ones_of_the_others(stated: dict[str, float], wanted: float) -> None:
+    """One of J alone made 2 % of the flux linkage, and a sound torque constant was flagged."""
+    motor = Motor(J=1e-3, p=4, psi_f=0.05, R=1.0, L_d=1e-3, L_q=1e-3, tolerance=stated)
+    assert motor.tolerance_of("psi_f", 0.5) == wanted
+    assert motor.tolerance_of("J", 0.5) == stated.get("J", 0.15)
+    assert motor.tolerance_of("k", 0.5) == 0.5
