@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.profiles import with_profiles
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.diagnose.shapes import searched, with_shapes_fitted
 from pmsm_ctrl.regression.columns import SINGLE
 
-__all__ = ["finally_fitted", "reaching_zero", "without_end"]
+__all__ = ["finally_fitted", "not_beside_shapes", "reaching_zero", "without_end"]
 
 
 def finally_fitted(case: Case, selection: Selection) -> Selection:
@@ -24,7 +27,12 @@ def finally_fitted(case: Case, selection: Selection) -> Selection:
     case : Case
     selection : Selection
     """
-    last = with_profiles(case.design, with_shapes_fitted(case.design, selection.fit))
+    shaped = with_shapes_fitted(case.design, selection.fit)
+    if (refusal := not_beside_shapes(shaped, case.policy)) is not None:
+        refused = {**selection.refused, name_of(selection.steps[-1].trial): refusal}
+        before = case.fit(selection.fits[-2].accepted)
+        return finally_fitted(case, Selection((*selection.fits[:-2], before), selection.steps[:-1], refused))
+    last = with_profiles(case.design, shaped)
     refusal = reaching_zero(last) or without_end(last)
     if refusal is not None:
         refused = {**selection.refused, name_of(selection.steps[0].trial): refusal}
@@ -33,11 +41,38 @@ def finally_fitted(case: Case, selection: Selection) -> Selection:
     return replace(selection, fits=(*selection.fits[:-1], last))
 
 
+def not_beside_shapes(fit: Fitted, policy: Policy = POLICY) -> Refusal | None:
+    """Return that the last effect may be nothing: it was what the shapes of those before it were wrong by.
+
+    An effect is accepted beside others whose shapes are held, and is judged again once all shapes are fitted together.
+    One that has a shape of its own has no size of which a standard error says enough.
+
+    Parameters
+    ----------
+    fit : Fitted
+        With its shapes fitted.
+    policy : Policy
+    """
+    from scipy.special import chdtrc
+
+    number = len(fit.accepted) - 1
+    if number < 1 or fit.covariance is None or not fit.free or searched(fit.accepted[number]):
+        return None
+    place = fit.position(number)
+    if place is None:
+        return None
+    own = fit.model.columns_of(place)
+    values = fit.plain.values[own]
+    wald = float(values @ np.linalg.pinv(fit.covariance[own, own], hermitian=True) @ values)
+    p_value = float(chdtrc(len(values), wald))
+    return Refusal(Reason.NOT_SIGNIFICANT, {"p": p_value}) if p_value > policy.significance else None
+
+
 def reaching_zero(fit: Fitted) -> Refusal | None:
     """Return that the first effect may be nothing: the interval of a size that stands in its shape reaches zero.
 
     A standard error says less: a deflection that is too small for the log has a steep side and a flat one. An interval
-    without an end on either side says nothing.
+    without an end on either side says nothing. A size that the steps of the angle do not show is as good as nothing.
 
     Parameters
     ----------
@@ -49,8 +84,9 @@ def reaching_zero(fit: Fitted) -> Refusal | None:
     one = fit.accepted[0]
     for name in sorted(set(one.effect.amplitudes) & set(searched(one))):
         low, high = fit.profiles.get((0, name), (1.0, 1.0))
-        if low <= 0.0 and high < one.effect.parameter(name).upper:
-            half = 0.5 * (high - low)
+        unseen = not one.effect.structure.resolved(fit.record, one.shape)
+        if unseen or (low <= 0.0 and high < one.effect.parameter(name).upper):
+            half = fit.record.step if unseen else 0.5 * (high - low)
             return Refusal(Reason.NOT_DETERMINED, {"parameter": name, "value": one.shape[name], "stderr": half})
     return None
 

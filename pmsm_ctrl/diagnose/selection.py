@@ -28,6 +28,7 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial, try_group
+from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.regression.columns import SINGLE, effect_group
 from pmsm_ctrl.regression.two_stage import beside_held
@@ -121,15 +122,18 @@ class Selection:
         return Selection((*(fit.spared() for fit in self.fits), found.fit), (*self.steps, step), found.refused)
 
     def largest_beside(self, trial: Trial) -> float:
-        """Return the largest contribution of the accepted effects to the balances in which a candidate acts; 0 of none.
+        """Return the largest contribution of accepted effects to the balances in which a candidate acts; 0 of none.
+
+        Those count whose model error may look like the candidate: a drag by the speed is no error of a wave of the way.
 
         Parameters
         ----------
         trial : Trial
         """
-        own = {row for row, _ in trial.group.entering}
+        own, effect = {row for row, _ in trial.group.entering}, trial.candidate.effect
         beside = (step for step in self.steps if own & {row for row, _ in step.trial.group.entering})
-        return max((step.evidence.size for step in beside), default=0.0)
+        akin = (step for step in beside if _akin(effect, step.trial.candidate.effect))
+        return max((step.evidence.size for step in akin), default=0.0)
 
     def held_alike(self) -> Selection:
         """Return the selection whose fits hold the nuisance parameters that the last one holds: they are compared."""
@@ -226,6 +230,16 @@ def passes(
     alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
     alike = (*alike, *nearly_in_model(fit, trial, case.policy))
     return Step(trial, judged, tuple(dict.fromkeys(alike))), after
+
+
+def _akin(one: Effect, other: Effect) -> bool:
+    """Whether two effects depend on something alike: on a signal, on the past, or on how something was measured.
+
+    Whatever the error of a model depends on, it has a mean, as a constant has.
+    """
+    if any(e.structure.has_memory or e.enters == "measurement" or not e.signals for e in (one, other)):
+        return True
+    return bool(set(one.signals) & set(other.signals))
 
 
 def _look_alike(case: Case, fit: Fitted, trial: Trial) -> Refusal | None:

@@ -104,7 +104,7 @@ def with_spread(record: Record, model: Model, whitener: Whitener) -> Model:
     for symbol, where in places.items():
         sigma[where] = found[symbol]
     information[level, level] += 1.0 / sigma[level] ** 2
-    return _with_mean(replace(model, sigma=sigma), information, along, count)
+    return _with_mean(record, replace(model, sigma=sigma), information, along)
 
 
 def with_mean(record: Record, model: Model, whitener: Whitener) -> Model:
@@ -116,29 +116,37 @@ def with_mean(record: Record, model: Model, whitener: Whitener) -> Model:
     model : Model
     whitener : Whitener
     """
-    count = len(record.records)
-    if count < 2:
+    if len(record.records) < 2:
         return model
     information, along = _information(solve_model(record, model, whitener), np.array([model.names.index(MEAN)]))
-    return _with_mean(model, information, along, count)
+    return _with_mean(record, model, information, along)
 
 
-def _with_mean(model: Model, information: Array, along: Array, count: int) -> Model:
+def _with_mean(record: Record, model: Model, information: Array, along: Array) -> Model:
     """Return the model with a prior of the mean, from the information without one and its product with the values."""
-    mean, spread = model.names.index(MEAN), spreads(model, count)["offset"]
+    count = len(record.records)
+    mean, spread, usual = model.names.index(MEAN), spreads(model, count)["offset"], usual_spread(record)["offset"]
     sigma = model.sigma.copy()
-    by_chance = _mean_by_chance(information, along, mean, spread, COUNTS + count - 1.0)
+    # records that differ no more than usual give no reason to assume more than that
+    known = spread <= usual
+    by_chance = _mean_by_chance(information, along, mean, max(spread, usual), None if known else COUNTS + count - 1.0)
     sigma[mean] = spread if by_chance else SMALLEST * spread
     return replace(model, sigma=sigma)
 
 
-def _mean_by_chance(information: Array, along: Array, mean: int, spread: float, dof: float) -> bool:
-    """Whether constant torques that differ so much have such a mean by chance; if not, it is a load that is missing."""
+def _mean_by_chance(information: Array, along: Array, mean: int, spread: float, dof: float | None) -> bool:
+    """Whether constant torques that differ so much have such a mean by chance; if not, it is a load that is missing.
+
+    The spread is known from so many degrees of freedom, or exactly.
+    """
+    from scipy.special import chdtrc
+
     own, pull = _eliminated(information, along, np.array([mean]), np.setdiff1d(np.arange(len(along)), [mean]))
     known = float(own[0, 0])
     if known <= KNOWN * information[mean, mean]:  # the model has a constant torque of its own
         return True
-    return f_tail((float(pull[0]) / known) ** 2 / (spread**2 + 1.0 / known), 1, round(dof)) > SURE
+    squared = (float(pull[0]) / known) ** 2 / (spread**2 + 1.0 / known)
+    return bool((chdtrc(1, squared) if dof is None else f_tail(squared, 1, round(dof))) > SURE)
 
 
 def _information(solved: Solved, level: Places) -> tuple[Array, Array]:

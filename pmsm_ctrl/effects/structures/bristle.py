@@ -35,6 +35,7 @@ SHARES_OF_REACH = (0.3, 3.0)  # of the deflection of one bristle, that of others
 # Deflections that are searched, rad, or times a hundredth of the travel: of a bearing that rolls, of a stiff one and of
 # a soft belt; how many encoder steps the least one is, and how many there are in a decade.
 ROLLING, STIFF, SOFT, STEPS, PER_DECADE = 1e-5, 2e-4, 0.2, 4.0, 9
+SEEN = 2.0  # steps of the angle that a deflection has to exceed: each end of it is known to within one
 LAGS = 3.0  # times its scale: the travel after which 95 % of a bristle's lag are over
 
 
@@ -115,12 +116,13 @@ class Bristle(Structure):
         """Return by what share of the dry friction the bristle lags behind the direction."""
         return [{"torque": self.direction(balances, effect, shape) - balances.signals["direction"]}]
 
-    def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
-        """Return the column without the moments at which the lag is over before the filters show it.
+    def resolved(self, balances: Balances, shape: Mapping[str, float]) -> bool:
+        """Whether the deflection is more than a step of the angle or two: the axis turns round somewhere within one."""
+        return shape[self.deflection] >= SEEN * balances.step
 
-        A deflection below a step of the angle is never seen: the axis turns round within the step.
-        """
-        if shape[self.deflection] < balances.step:
+    def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
+        """Return the column without the moments at which the lag is over before the filters show it."""
+        if not self.resolved(balances, shape):
             return np.zeros_like(values)
         smoothed = SMOOTHED / balances.cutoff
         over = 0.5 * np.abs(balances.acceleration()) * smoothed**2 > LAGS * shape[self.deflection]

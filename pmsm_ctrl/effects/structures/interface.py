@@ -269,6 +269,16 @@ class Structure(ABC):
         """Whether a candidate is judged by other columns than those that are fitted; see `judged`."""
         return type(self).judged is not Structure.judged
 
+    def resolved(self, balances: Balances, shape: Mapping[str, float]) -> bool:
+        """Whether the steps of the log's angle show an effect of this shape.
+
+        Parameters
+        ----------
+        balances : Balances
+        shape : dict of symbol to float
+        """
+        return True
+
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns by which an effect not in the model yet is judged: `values`, shape (channels, m, k).
 

@@ -52,7 +52,8 @@ def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> 
             look_alikes=values["look_alikes"],
             enters="torque",
             label=lambda shape: effect,
-            structure=SimpleNamespace(delays=values["delays"]),
+            structure=SimpleNamespace(delays=values["delays"], has_memory=False),
+            signals=("omega",),
         ),
         free=lambda shape: values["free"],
     )

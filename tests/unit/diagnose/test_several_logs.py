@@ -50,6 +50,15 @@ def test_a_load_that_all_records_share_is_named_and_judged_on_records_left_out()
     assert load.value == pytest.approx(0.00415, rel=0.05)
 
 
+def test_a_load_of_two_records_is_named() -> None:
+    """Two records that share a torque of a fifth of the friction were taken for two that differ from a mean of 0."""
+    found = diagnose(DESIGN, records([{"offset": 0.004}] * 2), candidates=FEW, plan=False)
+    assert [step.effect for step in found.steps] == ["constant_load"]
+    (load,) = found.steps[0].parameters.values()
+    assert load.value == pytest.approx(0.004, rel=0.02)
+    assert [row.deviations["offset"].value for row in found.records] == pytest.approx([0.0, 0.0], abs=2e-4)
+
+
 def test_without_a_load_its_torque_is_left_and_not_taken_up_by_what_records_differ_in() -> None:
     logs = records([{"offset": 0.03 + 0.004 * k} for k in (-1.0, 0.2, 0.8)])
     fit = diagnose(DESIGN, logs, candidates=["constant_load"], plan=False).selection.fit

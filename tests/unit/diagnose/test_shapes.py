@@ -91,9 +91,21 @@ def test_a_size_whose_interval_reaches_zero_is_not_determined(ends: tuple[float,
     """A presliding was named in a clean log of sines: its interval began at 0."""
     shape = {"z_s": 6.2e-4, "z_b": 0.6, "tau_z": 1e-3}
     bristle = Accepted(CATALOGUE["presliding"], shape, ({**shape, "z_s": 1e-4}, {**shape, "z_s": 1e-3}))
-    fit: Any = SimpleNamespace(accepted=(bristle,), profiles={} if ends is None else {(0, "z_s"): ends})
+    profiles = {} if ends is None else {(0, "z_s"): ends}
+    fit: Any = SimpleNamespace(accepted=(bristle,), profiles=profiles, record=SimpleNamespace(step=1e-5))
     found = reaching_zero(fit)
     assert (found is not None and found.reason is Reason.NOT_DETERMINED) is refused
+
+
+@pytest.mark.parametrize(("steps", "refused"), [(1.3, True), (2.5, False)])
+def test_a_deflection_of_a_step_of_the_angle_is_not_determined(steps: float, refused: bool) -> None:
+    """In four of five pairs of clean logs one of 1.1 to 1.3 steps was named: an axis turns somewhere within a step."""
+    shape = {"z_s": steps * 1.2e-5, "z_b": 0.6, "tau_z": 1e-3}
+    bristle = Accepted(CATALOGUE["presliding"], shape, ({**shape, "z_s": 1e-6}, {**shape, "z_s": 1e-3}))
+    ends = {(0, "z_s"): (0.9 * shape["z_s"], 1.1 * shape["z_s"])}
+    fit: Any = SimpleNamespace(accepted=(bristle,), profiles=ends, record=SimpleNamespace(step=1.2e-5))
+    found = reaching_zero(fit)
+    assert (found is not None) is refused
 
 
 @pytest.mark.parametrize(("ends", "refused"), [((10.2, math.inf), True), ((0.0153, 0.037), False), (None, False)])
