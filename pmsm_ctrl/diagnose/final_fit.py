@@ -10,7 +10,7 @@ import numpy as np
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
-from pmsm_ctrl.diagnose.profiles import with_profiles
+from pmsm_ctrl.diagnose.profiles import NORMAL, with_profiles
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.diagnose.shapes import searched, with_shapes_fitted
@@ -27,12 +27,11 @@ def finally_fitted(case: Case, selection: Selection) -> Selection:
     case : Case
     selection : Selection
     """
-    shaped = with_shapes_fitted(case.design, selection.fit)
-    if (refusal := not_beside_shapes(shaped, case.policy)) is not None:
+    last = with_profiles(case.design, with_shapes_fitted(case.design, selection.fit))
+    if (refusal := not_beside_shapes(last, case.policy)) is not None:
         refused = {**selection.refused, name_of(selection.steps[-1].trial): refusal}
         before = case.fit(selection.fits[-2].accepted)
         return finally_fitted(case, Selection((*selection.fits[:-2], before), selection.steps[:-1], refused))
-    last = with_profiles(case.design, shaped)
     refusal = reaching_zero(last) or without_end(last)
     if refusal is not None:
         refused = {**selection.refused, name_of(selection.steps[0].trial): refusal}
@@ -45,24 +44,28 @@ def not_beside_shapes(fit: Fitted, policy: Policy = POLICY) -> Refusal | None:
     """Return that the last effect may be nothing: it was what the shapes of those before it were wrong by.
 
     An effect is accepted beside others whose shapes are held, and is judged again once all shapes are fitted together.
-    One that has a shape of its own has no size of which a standard error says enough.
+    Of one that has a shape of its own the interval of its amount may not hold zero: a bend that is as large as it is
+    uncertain is the error of another bend.
 
     Parameters
     ----------
     fit : Fitted
-        With its shapes fitted.
-    policy : Policy
+        With its shapes fitted, and its intervals.
     """
     from scipy.special import chdtrc
 
     number = len(fit.accepted) - 1
-    if number < 1 or fit.covariance is None or not fit.free or searched(fit.accepted[number]):
-        return None
-    place = fit.position(number)
+    place = fit.position(number) if number > 0 and fit.covariance is not None and fit.free else None
     if place is None:
         return None
-    own = fit.model.columns_of(place)
-    values = fit.plain.values[own]
+    one, own = fit.accepted[number], fit.model.columns_of(place)
+    values, stderr = fit.plain.values[own], fit.plain.stderr[own]
+    if searched(one):
+        symbol, value, error = fit.model.names[own][0], float(values[0]), float(stderr[0])
+        low, high = fit.profiles.get((number, symbol), (value - NORMAL * error, value + NORMAL * error))
+        nothing = len(values) == 1 and low <= 0.0 <= high
+        detail = {"parameter": symbol, "value": value, "stderr": 0.5 * (high - low) / NORMAL}
+        return Refusal(Reason.NOT_DETERMINED, detail) if nothing else None
     wald = float(values @ np.linalg.pinv(fit.covariance[own, own], hermitian=True) @ values)
     p_value = float(chdtrc(len(values), wald))
     return Refusal(Reason.NOT_SIGNIFICANT, {"p": p_value}) if p_value > policy.significance else None
