@@ -55,8 +55,8 @@ def not_beside_shapes(fit: Fitted, policy: Policy = POLICY) -> Refusal | None:
     from scipy.special import chdtrc
 
     number = len(fit.accepted) - 1
-    place = fit.position(number) if number > 0 and fit.covariance is not None and fit.free else None
-    if place is None:
+    place = fit.position(number) if number > 0 and fit.free else None
+    if place is None or fit.covariance is None:
         return None
     one, own = fit.accepted[number], fit.model.columns_of(place)
     values, stderr = fit.plain.values[own], fit.plain.stderr[own]
