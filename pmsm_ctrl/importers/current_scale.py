@@ -53,7 +53,8 @@ def peak_or_rms(
     spec = (mapping or {}).get("i_q") or (design.log.channels.get("i_q", "") if design is not None else "")
     scaled = design is not None and "i_q" in design.log.scale
     stated = scaled or bool(split_header(spec)[1]) or FACTOR.fullmatch(spec.strip()) is not None
-    if column.name in CHANNELS or stated or _PEAK.search(column.label) or "rms" in unit_spelling(column.unit):
+    said = f"{column.label} {column.unit}"  # not every format writes the unit into the name
+    if column.name in CHANNELS or stated or _PEAK.search(said) or "rms" in unit_spelling(column.unit):
         return ()
     if says_rms(column.name):
         if "rms" in unit_spelling(source.unit):  # and it is read so

@@ -99,6 +99,68 @@ def test_tdms_with_a_time_channel(tmp_path: Path) -> None:
     np.testing.assert_allclose(log["torque"], 1e-3 * FAST, rtol=1e-14)
 
 
+BEGIN = np.datetime64("2026-05-17T23:59:45", "us")
+
+
+def late_tdms(path: Path, starts: tuple[np.datetime64 | None, ...], lengths: tuple[int, ...] = (200, 180)) -> Path:
+    """Write a position from its start on, and a current `i_q = 2 t` in A peak whose first samples are missing."""
+    nptdms = pytest.importorskip("nptdms")
+    waves = [{"wf_increment": 0.001} | ({} if start is None else {"wf_start_time": start}) for start in starts]
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([
+            nptdms.ChannelObject("A", "Position", FAST[: lengths[0]], {"unit_string": "rad"} | waves[0]),
+            nptdms.ChannelObject("B", "Iq", 2.0 * FAST[-lengths[1] :], {"unit_string": "A peak"} | waves[1]),
+        ])  # fmt: skip
+    return path
+
+
+def test_tdms_channels_begin_at_their_start_times(tmp_path: Path) -> None:
+    log = read_log(late_tdms(tmp_path / "log.tdms", (BEGIN, BEGIN + np.timedelta64(20, "ms"))))
+    assert len(log) == 180
+    np.testing.assert_allclose(log["theta"], log.t, atol=1e-12)
+    np.testing.assert_allclose(log["i_q"], 2.0 * log.t, atol=1e-12)
+    notes = " | ".join(log.provenance.notes)
+    assert "Iq begins 0.02 s after the first channel" in notes
+    assert "20 samples outside the time that all groups cover were dropped (0 to 0.019 s): theta" in notes
+    assert "interpolated" not in notes  # the stamps of both are the same but for rounding
+    assert not any(notice.code == "peak_or_rms" for notice in log.provenance.notices)  # the unit says it
+
+
+@pytest.mark.parametrize("start", [None, np.datetime64("1904-01-01", "us")])
+def test_a_tdms_start_time_that_says_nothing(tmp_path: Path, start: np.datetime64 | None) -> None:
+    log = read_log(late_tdms(tmp_path / "log.tdms", (BEGIN, start)))
+    assert log.t[0] == 0.0
+    assert log["i_q"][0] == pytest.approx(2.0 * FAST[20])
+    assert not any("after the first channel" in note for note in log.provenance.notes)
+
+
+def test_tdms_groups_that_never_meet(tmp_path: Path) -> None:
+    path = late_tdms(tmp_path / "log.tdms", (BEGIN, BEGIN + np.timedelta64(1, "h")))
+    with pytest.raises(LogError, match="do not overlap in time"):
+        read_log(path)
+
+
+def test_every_dropped_sample_is_told(tmp_path: Path) -> None:
+    log = read_log(late_tdms(tmp_path / "log.tdms", (None, None), (120, 200)))
+    assert len(log) == 120
+    assert "80 samples outside the time that all groups cover were dropped (0.12 to 0.199 s): i_q" in " | ".join(
+        log.provenance.notes
+    )
+
+
+def test_tdms_time_stamps(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    path = tmp_path / "log.tdms"
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([
+            nptdms.ChannelObject("g", "Zeitstempel", BEGIN + (1e6 * FAST).round().astype("timedelta64[us]")),
+            nptdms.ChannelObject("g", "Position", FAST, {"unit_string": "rad"}),
+            nptdms.ChannelObject("g", "Torque", FAST, {"unit_string": "Nm"}),
+        ])  # fmt: skip
+    log = read_log(path)
+    np.testing.assert_allclose(log.t, FAST, atol=1e-9)
+
+
 def test_parquet(tmp_path: Path) -> None:
     log = read_log(parquet(tmp_path / "log.parquet"), mapping={"temperature": "enabled [degC]"})
     assert log.provenance.importer == "Parquet"
