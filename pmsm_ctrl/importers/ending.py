@@ -11,7 +11,7 @@ from pathlib import Path
 from pmsm_ctrl.importers.layout import Layout, is_number, pieces, split_line
 from pmsm_ctrl.importers.table import one_line
 
-__all__ = ["without_ending"]
+__all__ = ["last_lines", "without_ending"]
 
 MOST = 8  # lines of a summary; more of them are rows that cannot be read
 TAIL = 1 << 13  # bytes in which they stand
@@ -33,7 +33,7 @@ def without_ending(path: str | Path, layout: Layout) -> Layout:
     Layout
         The same where the file ends with a row of numbers, with an end of file, or with more text than a summary has.
     """
-    lines = _last_lines(path, layout.encoding)
+    lines = last_lines(path, layout.encoding)
     found: list[str] = []
     above = 0  # lines from the first one of the text to the end of the file
     for number, line in enumerate(reversed(lines), 1):
@@ -80,8 +80,18 @@ def _is_word(cell: str) -> bool:
     return bool(text) and not is_number(text) and bool(_WORDS.fullmatch(text) or _COUNT_OF.match(text))
 
 
-def _last_lines(path: str | Path, encoding: str) -> list[str]:
-    """Return the last lines of a file, all of them whole."""
+def last_lines(path: str | Path, encoding: str) -> list[str]:
+    """Return the last lines of a file, all of them whole.
+
+    Parameters
+    ----------
+    path : path
+    encoding : str
+
+    Returns
+    -------
+    list of str
+    """
     if encoding.startswith("utf-16"):
         tail = b"".join(deque(pieces(path, encoding, TAIL), maxlen=2))
         whole, codec = False, "utf-8"

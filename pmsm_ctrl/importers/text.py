@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Literal, cast
 
 import numpy as np
 
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers import twincat
-from pmsm_ctrl.importers.ending import without_ending
+from pmsm_ctrl.importers.ending import last_lines, without_ending
 from pmsm_ctrl.importers.header_rate import header_period
-from pmsm_ctrl.importers.layout import Layout, opening, place_header, separator_name, split_line
+from pmsm_ctrl.importers.layout import Layout, is_number, opening, place_header, separator_name, split_line
 from pmsm_ctrl.importers.names import guess_channel, split_header, unit_of
 from pmsm_ctrl.importers.numbers import line_of_row, read_columns
 from pmsm_ctrl.importers.stamps import with_stamps
-from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.importers.table import Array, Column, Table, one_line
 from pmsm_ctrl.importers.vocabulary import begins_with_time
 from pmsm_ctrl.log import CHANNELS
 
@@ -49,6 +50,8 @@ def open_text(path: Path, file: str, separator: str | None = None, decimal: str 
     if decimal is not None:
         layout = replace(layout, decimal=cast(Decimal, decimal))
     layout = without_ending(path, layout)
+    if layout.ragged and scope is None:
+        layout, columns = _with_as_many(path, layout, columns)
     table = _table(path, file, layout, columns, kind)
     return replace(table, header_period=header_period(lines[: layout.first_line - 1]))
 
@@ -99,6 +102,28 @@ def _increases(cells: Sequence[str]) -> bool:
     return len(values) > 1 and all(b > a for a, b in pairwise(values))
 
 
+def _with_as_many(path: Path, layout: Layout, columns: tuple[Column, ...]) -> tuple[Layout, tuple[Column, ...]]:
+    """Give a column that goes on where the time before it has ended to the first time, if that is as long."""
+    rows = (split_line(line, layout.separator) for line in reversed(last_lines(path, layout.encoding)))
+    last = next((row for row in rows if _is_row(row, layout)), [])
+    filled = [bool(cell) for _, cell in zip_longest(columns, last, fillvalue="")]
+    times = {column.group: i for i, column in enumerate(columns) if column.is_time}
+    first = columns[0]
+    longer = [i for i, column in enumerate(columns) if filled[i] and not filled[times[column.group]]]
+    if not longer or not filled[0]:
+        return layout, columns
+    names = ", ".join(f"'{columns[i].label}'" for i in longer)
+    note = f"{names} read with the time '{first.label}', which has as many rows: the time before has ended earlier"
+    moved = tuple(replace(column, group=first.group) if i in longer else column for i, column in enumerate(columns))
+    return replace(layout, notes=(*layout.notes, note)), moved
+
+
+def _is_row(row: Sequence[str], layout: Layout) -> bool:
+    """Whether a line holds numbers, and nothing else but in columns of text."""
+    cells = [cell for i, cell in enumerate(row) if cell and i not in layout.text_columns]
+    return len(row) <= layout.width and bool(cells) and all(map(is_number, cells))
+
+
 def _table(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], kind: str) -> Table:
     mark = "comma" if layout.decimal == "," else "point"
     facts = {
@@ -133,7 +158,17 @@ def _text_note(header: Sequence[str], columns: Sequence[int]) -> list[str]:
 def _load_ragged(
     path: Path, file: str, layout: Layout, columns: tuple[Column, ...], indices: Sequence[int]
 ) -> list[Array]:
-    """Load columns of unequal length: every group ends where its time column does."""
+    """Load columns of unequal length: every group ends where its time column does.
+
+    Raises
+    ------
+    LogError
+        For numbers behind the end of their time.
+    """
+
+    def header(index: int) -> str:
+        return one_line(columns[index].label)
+
     times = {c.group: i for i, c in enumerate(columns) if c.is_time}
     own = [times[columns[i].group] for i in indices]
     wanted = list(dict.fromkeys([*indices, *own]))
@@ -142,6 +177,11 @@ def _load_ragged(
     for index, time in zip(indices, own, strict=True):
         there = np.flatnonzero(~np.isnan(values[time]))
         stop = int(there[-1]) + 1 if there.size else 0
+        beyond = np.flatnonzero(~np.isnan(values[index][stop:]))
+        if beyond.size:
+            place = f"line {line_of_row(path, layout, stop + int(beyond[0]))}, column {index + 1} ('{header(index)}')"
+            what = f"{beyond.size} numbers without a time, for the time before them ('{header(time)}') has ended"
+            raise LogError(f"{file}: {place}: {what}; a time column of as many rows was expected before this one")
         part = values[index][:stop].copy()
         if index == time and columns[index].header == twincat.FILETIME:
             part = twincat.milliseconds(part)

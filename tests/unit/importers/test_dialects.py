@@ -159,6 +159,26 @@ def test_repeated_time_columns_of_unequal_length(tmp_path: Path) -> None:
     np.testing.assert_allclose(log["i_q"], 0.5 + 0.5 * np.arange(19))
 
 
+def padded(tmp_path: Path, current: int) -> Path:
+    """Write 40 rows of a speed, 20 of a position with a time of its own, and a current of so many behind it."""
+    rows = [
+        f"{k},{k % 7}," + (f"{2 * k},{0.1 * k:.1f}," if k < 20 else ",,") + (f"{k}.5\n" if k < current else "\n")
+        for k in range(40)
+    ]
+    return write(tmp_path, "Time [ms],Speed [rpm],Time pos [ms],Position [rad],Iq [A]\n" + "".join(rows))
+
+
+def test_a_column_that_is_longer_than_the_time_before_it(tmp_path: Path) -> None:
+    log = read_log(padded(tmp_path, 40))
+    np.testing.assert_allclose(log["i_q"], 1e3 * log.t + 0.5)
+    assert "'Iq [A]' read with the time 'Time [ms]', which has as many rows" in " | ".join(log.provenance.notes)
+
+
+def test_numbers_without_a_time(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"line 22, column 5 \('Iq \[A\]'\): 10 numbers without a time"):
+        read_log(padded(tmp_path, 30))
+
+
 @pytest.mark.parametrize("names", [("Time Speed [ms]", "Time Current [ms]"), ("Zeit 1 [ms]", "Zeit 2 [ms]")])
 def test_a_second_time_column_of_another_name(tmp_path: Path, names: tuple[str, str]) -> None:
     rows = [f"{k};{math.sin(0.1 * k):.6f};{2 * k + 5};{2 * k + 5}\n" for k in range(40)]
