@@ -9,6 +9,7 @@ import numpy as np
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.mapping import Assignment, Source
 from pmsm_ctrl.importers.notices import ANGLE_UNWRAPPED
+from pmsm_ctrl.importers.spare import with_time, without_gaps
 from pmsm_ctrl.importers.table import Array, Table
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.section import Notice
@@ -35,9 +36,9 @@ def channels_of(
     """
     from pmsm_ctrl.importers.rasters import on_one_raster
 
-    sources = assignment.sources
-    columns = [source.column for source in sources]
     times = _time_columns(table, assignment)
+    sources, untimed = with_time(table, assignment, times)
+    columns = [source.column for source in sources]
     loaded = dict(zip([*columns, *times.values()], table.load([*columns, *times.values()]), strict=True))
     rasters: dict[int, Array] = {}
     notes: list[str] = []
@@ -53,6 +54,7 @@ def channels_of(
                 f"time starts again {count} times: {count + 1} recordings were appended, and are records apart"
             )
         rasters[group] = _check_time(table, index, loaded[index], t)
+    sources, gaps = without_gaps(table, assignment, sources, loaded)
     channels: dict[int, dict[str, Array]] = {group: {} for group in times}
     for source in sources:
         if source.channel == "t":
@@ -66,7 +68,7 @@ def channels_of(
         resampled = (*resampled, f"only t = {window[0]:g} to {window[1]:g} s read")
     for values in result.values():
         values.setflags(write=False)  # a log shares read-only arrays and copies others
-    return result, (*notes, *resampled, *turned), tuple(doubts)
+    return result, (*notes, *resampled, *turned), (*untimed, *gaps, *doubts)
 
 
 def _too_coarse(t: Array) -> bool:
@@ -76,7 +78,7 @@ def _too_coarse(t: Array) -> bool:
 
 
 def _time_columns(table: Table, assignment: Assignment) -> dict[int, int]:
-    """The time column of every group that carries a channel."""
+    """The time column of every group that carries a channel, and has one."""
     mapped = assignment.source("t")
     out: dict[int, int] = {}
     for source in assignment.sources:
@@ -87,10 +89,8 @@ def _time_columns(table: Table, assignment: Assignment) -> dict[int, int]:
             out[group] = mapped.column
             continue
         own = next((i for i, c in enumerate(table.columns) if c.group == group and c.is_time), None)
-        if own is None:
-            column = table.columns[source.column]
-            raise LogError(f"{table.file}: column '{column.label}' has no time column of its own")
-        out[group] = own
+        if own is not None:
+            out[group] = own
     return out
 
 

@@ -20,7 +20,16 @@ from pmsm_ctrl.importers.motion_units import (
     speed_unit,
 )
 from pmsm_ctrl.importers.names import counts_of, says_rms, unit_of, unit_spelling
-from pmsm_ctrl.importers.naming import AS_STATED, Case, Guess, fits, leave_constants, settle, take_by_name
+from pmsm_ctrl.importers.naming import (
+    AS_STATED,
+    Case,
+    Guess,
+    fits,
+    leave_constants,
+    leave_untimed,
+    settle,
+    take_by_name,
+)
 from pmsm_ctrl.importers.relations import drive_balance, rate_likeness, roughness
 from pmsm_ctrl.importers.rivals import alike
 from pmsm_ctrl.importers.strange_units import strange_unit
@@ -58,6 +67,7 @@ def guesses(
     """
     case = Case(table, design, stated)
     leave_constants(case)
+    leave_untimed(case)
     take_by_name(case)
     if design is None and _is_linear(case):
         case.motion = "linear"
@@ -79,7 +89,9 @@ def guesses(
 def _seen_as(case: Case, i: int) -> str:
     """Return what a column that is no channel seems to be."""
     column = case.columns[i]
-    default = "text" if column.is_text else "the time of the columns that follow it" if column.is_time else ""
+    follows = any(other.group == column.group for other in case.columns[i + 1 : i + 2])
+    clock = f"the time of {'the columns that follow it' if follows else 'other columns'}" if column.is_time else ""
+    default = "text" if column.is_text else clock
     return case.seen_as.get(i) or default or strange_unit(column, case.motion) or "not recognised"
 
 

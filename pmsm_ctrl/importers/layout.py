@@ -331,7 +331,7 @@ def _text_columns(fitting: list[list[str]]) -> tuple[int, ...]:
     """Columns without a single number in the rows that are mostly numbers, all of one width."""
     return tuple(
         c for c in range(len(fitting[0]))
-        if not any(is_number(row[c]) for row in fitting) and all(row[c] for row in fitting[-3:])
+        if not any(is_number(row[c]) for row in fitting) and any(row[c] for row in fitting)
     )  # fmt: skip
 
 

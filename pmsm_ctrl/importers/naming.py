@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers import notices as say
 from pmsm_ctrl.importers.mapping import fits_axis, is_twin
 from pmsm_ctrl.importers.names import counts_of, guess_channel, has_letter, unit_of, unit_spelling
@@ -17,7 +18,7 @@ from pmsm_ctrl.importers.vocabulary import Meaning, meaning_of, says_measured, s
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.section import Notice
 
-__all__ = ["AS_STATED", "Case", "Guess", "fits", "leave_constants", "settle", "take_by_name"]
+__all__ = ["AS_STATED", "Case", "Guess", "fits", "leave_constants", "leave_untimed", "settle", "take_by_name"]
 
 LOOKED_AT = 200_000  # samples of each column
 MOST = 40  # columns whose physics is looked at
@@ -56,8 +57,8 @@ class Case:
         self.table, self.design, self.stated = table, design, stated
         self.columns = table.columns
         self.usable = [i for i, c in enumerate(self.columns) if not c.is_text]
-        loaded = dict(zip(self.usable, table.load(self.usable), strict=True))
-        self.values: dict[int, Array] = {i: v[:LOOKED_AT] for i, v in loaded.items()}
+        self.values = _loaded(table, self.usable, {at for _, at, _ in stated.values()})
+        self.untimed: set[int] = set()
         self.role: dict[int, str] = {at: channel for channel, (_, at, _) in stated.items()}
         self.why: dict[int, list[str]] = {at: [AS_STATED] for at in self.role}
         self.unit: dict[int, str] = {at: unit or self.columns[at].unit for _, at, unit in stated.values()}
@@ -75,8 +76,8 @@ class Case:
         return next((i for i, role in self.role.items() if role == channel), None)
 
     def spoiled(self, i: int) -> bool:
-        """Whether a column has cells without a number."""
-        return not np.isfinite(self.values[i]).all()
+        """Whether a column cannot be read: it has cells without a number, or no time."""
+        return i in self.untimed or not np.isfinite(self.values[i]).all()
 
     def commanded(self, i: int) -> bool:
         """Whether the name of a column states a reference, which is never a measured channel."""
@@ -107,6 +108,40 @@ class Case:
             i for i in self.usable
             if i not in self.role and self.columns[i].group == group and i not in self.seen_as
         ][:MOST]  # fmt: skip
+
+
+def _loaded(table: Table, usable: Sequence[int], stated: Collection[int]) -> dict[int, Array]:
+    """Return the numbers of the columns; of one that cannot be read, and that nobody has stated, NaN.
+
+    Raises
+    ------
+    LogError
+        Where none can be read, or one that was stated cannot.
+    """
+    try:
+        return {i: values[:LOOKED_AT] for i, values in zip(usable, table.load(usable), strict=True)}
+    except LogError:
+        values = {}
+        for i in usable:
+            try:
+                values[i] = table.load([i])[0][:LOOKED_AT]
+            except LogError:
+                if i in stated:
+                    raise
+        if not values:
+            raise
+    missing = np.full(max(one.size for one in values.values()), np.nan)
+    return {i: values.get(i, missing) for i in usable}
+
+
+def leave_untimed(case: Case) -> None:
+    """Set columns aside that have no time, where others have one: their number of samples is another."""
+    timed = {c.group for i, c in enumerate(case.columns) if c.is_time or guess_channel(c.name) == "t"}
+    timed |= {case.columns[at].group for channel, (_, at, _) in case.stated.items() if channel == "t"}
+    for i in case.usable:
+        if timed and case.columns[i].group not in timed and i not in case.role:
+            case.untimed.add(i)
+            case.seen_as[i] = f"{case.values[i].size} samples, and no time has as many"
 
 
 def leave_constants(case: Case) -> None:
@@ -144,7 +179,11 @@ def take_by_name(case: Case) -> None:
         elif (meaning := _meaning(case, i)) is not None and fits(column, meaning.channel):
             bare.update([i] if meaning.bare else [])
             words.append((i, meaning.channel, ", ".join(meaning.words), meaning.unsure))
-    exact.sort(key=lambda one: not case.is_measured(one[0]))
+    named = (*exact, *((i, channel) for i, channel, *_ in words))
+    moving = {case.columns[i].group for i, channel in named if channel in ("theta", "omega")}
+    exact.sort(
+        key=lambda one: (not case.is_measured(one[0]), one[1] == "t" and case.columns[one[0]].group not in moving)
+    )
     for i, channel in exact:
         if channel not in case.role.values() and not case.spoiled(i):
             case.take(i, channel, f"named '{case.columns[i].name}'")

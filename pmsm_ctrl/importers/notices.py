@@ -5,12 +5,13 @@ from __future__ import annotations
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES",
-    "FROM_PHYSICS", "FROZEN_CHANNEL", "HEADER_PERIOD", "HELD_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE",
-    "OTHER_UNIT", "PEAK_OR_RMS", "POSITION_JUMPS", "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN",
-    "RATE_FROM_MOTION", "REFERENCE_FACTOR", "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_LEADS",
-    "SPEED_SPIKES", "SPEED_UNRELATED", "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED",
-    "TWO_COLUMNS_FIT", "UNIT_ASSUMED", "UNLIKELY_INERTIA", "UNLIKELY_PERIOD", "UNSURE_NAME",
+    "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CHANNEL_WITHOUT_NUMBERS", "CHANNEL_WITHOUT_TIME", "CONSTANT_CHANNEL",
+    "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES", "FROM_PHYSICS", "FROZEN_CHANNEL", "HEADER_PERIOD",
+    "HELD_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "OTHER_UNIT", "PEAK_OR_RMS", "POSITION_JUMPS",
+    "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION", "REFERENCE_FACTOR",
+    "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_LEADS", "SPEED_SPIKES", "SPEED_UNRELATED",
+    "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED", "TWO_COLUMNS_FIT", "UNIT_ASSUMED",
+    "UNLIKELY_INERTIA", "UNLIKELY_PERIOD", "UNSURE_NAME",
 ]  # fmt: skip
 
 # -- time ----
@@ -26,6 +27,13 @@ TIME_GAPS = Template("time_gaps", "gaps in the time stamps: {count}, the longest
 UNLIKELY_PERIOD = Template("unlikely_period", "sampling period of {period:.3g} s: check the unit of time")
 
 # -- single channels ----
+CHANNEL_WITHOUT_NUMBERS = Template(
+    "channel_without_numbers", "{channel} is left out: cells without a number: {count}, first {place}"
+)
+CHANNEL_WITHOUT_TIME = Template(
+    "channel_without_time",
+    "{channel} is left out: column '{column}' has {count} samples, and no time has as many",
+)
 CONSTANT_CHANNEL = Template("constant_channel", "{channel} is constant ({value:.6g} {unit})")
 SATURATED_CHANNEL = Template(
     "saturated_channel", "{channel} is at its limit of {limit:.4g} {unit} in {percent:.2g} % of the samples"

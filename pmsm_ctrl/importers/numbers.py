@@ -80,7 +80,7 @@ def _row_blocks(path: str | Path, file: str, layout: Layout, columns: Sequence[i
         if blocks is not None:
             yield from blocks
             continue
-        rows, ended = parse_rows(piece, file, layout, _first_line(path, layout, index))
+        rows, ended = parse_rows(piece, file, layout, _first_line(path, layout, index), columns)
         yield [rows[:, c].copy() for c in columns]
         if ended:
             return
@@ -165,8 +165,12 @@ def _first_line(path: str | Path, layout: Layout, index: int) -> int:
     return layout.first_line + sum(piece.count(b"\n") for _, piece in before)
 
 
-def parse_rows(piece: bytes, file: str, layout: Layout, first_line: int) -> tuple[Array, bool]:
+def parse_rows(
+    piece: bytes, file: str, layout: Layout, first_line: int, columns: Sequence[int] | None = None
+) -> tuple[Array, bool]:
     """Parse whole lines; return the rows, shape (rows, width), and whether an end-of-file row was met.
+
+    Cells of other columns than `columns` that hold no number are NaN.
 
     Raises
     ------
@@ -177,7 +181,8 @@ def parse_rows(piece: bytes, file: str, layout: Layout, first_line: int) -> tupl
     text = piece.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n")
     rows: list[list[float]] = []
     width = layout.width
-    skipped = frozenset(layout.text_columns)
+    wanted = frozenset(range(width) if columns is None else columns)
+    skipped = frozenset(layout.text_columns) | (frozenset(range(width)) - wanted)
     for number, line in enumerate(text.split("\n"), first_line):
         if not line or line.isspace() or line == "\x1a":
             continue
@@ -187,7 +192,7 @@ def parse_rows(piece: bytes, file: str, layout: Layout, first_line: int) -> tupl
         if len(cells) != width:
             cells = _fit(cells, width, file, layout, number)
         try:
-            if skipped or "," in line or "_" in line:
+            if layout.text_columns or "," in line or "_" in line:
                 raise ValueError
             rows.append([float(cell) if cell else np.nan for cell in cells])
         except ValueError:

@@ -146,6 +146,8 @@ def _from_table(
             channels, notes, doubts = channels_of(table, assignment, *cut)
         except MemoryError:
             raise LogError(f"{file}: does not fit into memory") from None
+    kept = tuple(source for source in assignment.sources if source.channel in channels)
+    assignment = replace(assignment, sources=kept)
     provenance = Provenance(file, digest.result(), table.format, (*table.notes, *assignment.notes, *notes))
     log = Log(channels, motion=assignment.motion, provenance=provenance)
     assumed = tuple(source for source in assignment.sources if source.doubtful(table))

@@ -53,7 +53,7 @@ def open_tdms(path: Path, file: str) -> Table:
                     left.append(channel.name)
                     continue
                 wave = _waveform(channel, origin)
-                key = wave or group.name
+                key = wave or (group.name, len(channel))
                 if key not in groups and wave is not None:
                     columns.append(Column("Time", "s", "Time", len(groups), True))
                     sources.append(wave)

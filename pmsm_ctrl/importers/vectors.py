@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.names import split_header
+from pmsm_ctrl.importers.names import guess_channel, split_header
 from pmsm_ctrl.importers.table import Array, Column, Table, one_line
+from pmsm_ctrl.importers.vocabulary import meaning_of
 
 __all__ = ["table_of"]
 
@@ -67,10 +69,12 @@ def _grouped(
         notes.append(f"variables that are no vectors not used: {one_line(', '.join(left[:12]))}")
     # vectors of one length share one time base
     lengths = list(dict.fromkeys(values.size for _, values in vectors))
-    columns = []
+    columns: list[Column] = []
     for name, values in vectors:
         short, unit = split_header(name)
-        columns.append(Column(name=short, unit=unit, header=name, group=lengths.index(values.size)))
+        group = lengths.index(values.size)
+        timed = any(column.group == group and column.is_time for column in columns)
+        columns.append(Column(short, unit, name, group, len(lengths) > 1 and not timed and _is_time(short, values)))
 
     def load(indices: Sequence[int]) -> list[Array]:
         return [np.asarray(vectors[i][1], dtype=np.float64) for i in indices]
@@ -79,3 +83,11 @@ def _grouped(
         return f"variable '{columns[column].label}', sample {sample + 1}"
 
     return Table(file, kind, tuple(columns), load, locate, tuple(notes))
+
+
+def _is_time(name: str, values: Array) -> bool:
+    """Whether a vector is the time of those of its length: so it is named, ``t_slow`` too, and it increases."""
+    meaning = meaning_of(name)
+    said = guess_channel(name) == "t" or (meaning is not None and meaning.channel == "t")
+    named = said or re.match(r"t(?![^\W\d_])", name) is not None
+    return named and values.size > 1 and bool(np.all(np.diff(values) > 0.0))
