@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["UnchangeableDict", "columns_of", "labels_of", "stated_unit"]
+__all__ = ["UnchangeableDict", "columns_of", "index_of", "labels_of", "stated_unit"]
 
 
 class UnchangeableDict(dict[str, NDArray[np.float64]]):
@@ -102,15 +102,31 @@ def columns_of(frame: Any, units: Mapping[str, str]) -> dict[str, NDArray[np.flo
         name, factor = _meaning(f"{label} [{unit}]" if unit else label, units)
         if name:
             channels[name] = _numbers(label, frame[label]) * factor
-    index = getattr(frame, "index", None)
-    if "t" not in channels and index is not None and hasattr(index, "to_numpy"):
-        stamps = np.asarray((index.tz_convert(None) if getattr(index, "tz", None) is not None else index).to_numpy())
-        label = getattr(index, "name", None)
+    label, stamps = index_of(frame)
+    if "t" not in channels and stamps is not None:
         if stamps.dtype.kind in "mM":
             channels["t"] = (stamps - stamps[:1]) / np.timedelta64(1, "ns") * 1e-9
         elif label is not None and (factor := _meaning(label, {"t": units["t"]})[1]):
             channels["t"] = _numbers(label, stamps) * factor
     return channels
+
+
+def index_of(frame: Any) -> tuple[Any, NDArray[Any] | None]:
+    """Return the name and the values of the index of a pandas data frame, times without a zone; None for other frames.
+
+    Parameters
+    ----------
+    frame : data frame
+
+    Returns
+    -------
+    (object, array of shape (n,) or None)
+    """
+    index = getattr(frame, "index", None)
+    if index is None or not hasattr(index, "to_numpy"):
+        return None, None
+    plain = index.tz_convert(None) if getattr(index, "tz", None) is not None else index
+    return getattr(index, "name", None), np.asarray(plain.to_numpy())
 
 
 def _meaning(label: Any, units: Mapping[str, str]) -> tuple[str, float]:

@@ -27,6 +27,7 @@ from pmsm_ctrl.importers.naming import (
     fits,
     leave_constants,
     leave_untimed,
+    say_gaps,
     settle,
     take_by_name,
 )
@@ -76,6 +77,7 @@ def guesses(
         _by_motion(case, t)
         _units_of_motion(case, t)
         _drives(case, t)
+    say_gaps(case)
     made = [_spelled(case, i) for i in case.role]
     if case.assumed:
         said = ", ".join(f"{unit} for {channel}" for channel, unit in dict.fromkeys(case.assumed))

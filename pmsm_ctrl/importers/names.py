@@ -38,6 +38,7 @@ _NAMES: dict[str, str] = {
     "theta": """
         position pos angle winkel phi actpos actualposition positionactual positionactualvalue posact
         posactual istposition positionistwert lageistwert mechanicalangle rotorposition measuredposition
+        lage drehwinkel rotorlage
         positionmeasured encoderposition positionmeas posmeas actposition
     """,
     "theta_ref": """
@@ -198,17 +199,20 @@ def is_unit(text: str) -> bool:
 # A bracket at the end is a unit unless it holds an index; other forms count only when the unit is known.
 _BRACKETED = re.compile(r"^(.*?)(?<!\s)\s*+\[([^\[\]]*+)\]\s*+$")
 _PARENTHESES = re.compile(r"^(.*?)(?<!\s)\s*+\(([^()]*+(?:\([^()]*+\)[^()]*+)?)\)\s*+$")
+_WORDED = re.compile(r"^(\S.*?)\s++in\s++(\S.*)$")
 _SUFFIX = re.compile(r"^(.+?)[_ ](rpm|ms|us|ns|deg|rad|nm|ma|mv|mm|um|rad_s|deg_s|degc)$", re.IGNORECASE)
 _SUFFIX_UNITS = {"rad_s": "rad/s", "deg_s": "deg/s"}
 
 
 def split_header(cell: str) -> tuple[str, str]:
-    """Split ``speed [rpm]``, ``speed (rpm)``, ``n / min-1`` or ``speed_rpm`` into name and unit."""
+    """Split ``speed [rpm]``, ``speed (rpm)``, ``n in rpm``, ``n / min-1`` or ``speed_rpm`` into name and unit."""
     text = cell.strip().strip('"').strip()
     if (match := _BRACKETED.match(text)) and not match[2].strip().isdigit():
         return match[1].strip(), match[2].strip()
     if (match := _PARENTHESES.match(text)) and match[1] and is_unit(match[2]):
         return match[1].strip(), match[2].strip()
+    if (match := _WORDED.match(text)) and is_unit(match[2]):
+        return match[1], match[2].strip()
     name, slash, unit = text.partition("/")
     if (
         slash

@@ -10,7 +10,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers import notices as say
-from pmsm_ctrl.importers.mapping import fits_axis, is_twin
+from pmsm_ctrl.importers.mapping import REQUIRED, fits_axis, is_twin
 from pmsm_ctrl.importers.names import counts_of, guess_channel, has_letter, unit_of, unit_spelling
 from pmsm_ctrl.importers.rivals import alike, measured_one
 from pmsm_ctrl.importers.table import Array, Column, Table
@@ -18,7 +18,17 @@ from pmsm_ctrl.importers.vocabulary import Meaning, meaning_of, says_measured, s
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.section import Notice
 
-__all__ = ["AS_STATED", "Case", "Guess", "fits", "leave_constants", "leave_untimed", "settle", "take_by_name"]
+__all__ = [
+    "AS_STATED",
+    "Case",
+    "Guess",
+    "fits",
+    "leave_constants",
+    "leave_untimed",
+    "say_gaps",
+    "settle",
+    "take_by_name",
+]
 
 LOOKED_AT = 200_000  # samples of each column
 MOST = 40  # columns whose physics is looked at
@@ -151,6 +161,27 @@ def leave_constants(case: Case) -> None:
             case.seen_as[i] = "cells that hold no number"
         elif values.size and np.ptp(values) == 0.0:
             case.seen_as[i] = f"constant, {values[0]:.6g}"
+
+
+def say_gaps(case: Case) -> None:
+    """Doubt a column that would be a channel which a log needs, and which is missing for cells without a number."""
+    for group in REQUIRED:
+        if not any(case.at(channel) is not None for channel in group):
+            for i, channel in (
+                (i, _named_as(case, i)) for i in case.usable if not {i} & (case.role.keys() | case.untimed)
+            ):
+                bad = ~np.isfinite(case.values[i])
+                if channel in group and bad.any() and not bad.all():
+                    facts = {"count": int(np.count_nonzero(bad)), "place": case.table.locate(i, int(np.argmax(bad)))}
+                    case.doubts.append(say.COLUMN_WITH_GAPS(column=case.columns[i].label, channel=channel, **facts))
+
+
+def _named_as(case: Case, i: int) -> str:
+    """Return the channel that the name of a column says, empty where it says none or the unit is another's."""
+    column = case.columns[i]
+    meaning = _meaning(case, i)
+    channel = guess_channel(column.name) or (meaning.channel if meaning is not None else "")
+    return channel if channel and fits(column, channel) else ""
 
 
 def fits(column: Column, channel: str) -> bool:

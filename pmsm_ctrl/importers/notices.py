@@ -5,10 +5,11 @@ from __future__ import annotations
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CHANNEL_WITHOUT_NUMBERS", "CHANNEL_WITHOUT_TIME", "CONSTANT_CHANNEL",
-    "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES", "FROM_PHYSICS", "FROZEN_CHANNEL", "HEADER_PERIOD",
-    "HELD_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "OTHER_UNIT", "PEAK_OR_RMS", "POSITION_JUMPS",
-    "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION", "REFERENCE_FACTOR",
+    "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CHANNEL_WITHOUT_NUMBERS", "CHANNEL_WITHOUT_TIME", "COLUMN_WITH_GAPS",
+    "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES", "FROM_PHYSICS", "FROZEN_CHANNEL",
+    "HEADER_PERIOD", "HELD_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "OTHER_UNIT", "PEAK_OR_RMS",
+    "POSITION_JUMPS", "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION",
+    "REFERENCE_FACTOR",
     "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_LEADS", "SPEED_SPIKES", "SPEED_UNRELATED",
     "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED", "TWO_COLUMNS_FIT", "UNIT_ASSUMED",
     "UNLIKELY_INERTIA", "UNLIKELY_PERIOD", "UNSURE_NAME",
@@ -27,6 +28,11 @@ TIME_GAPS = Template("time_gaps", "gaps in the time stamps: {count}, the longest
 UNLIKELY_PERIOD = Template("unlikely_period", "sampling period of {period:.3g} s: check the unit of time")
 
 # -- single channels ----
+COLUMN_WITH_GAPS = Template(
+    "column_with_gaps",
+    "'{column}' would be {channel}, and cells of it hold no number: {count}, first {place}; fill them in, or cut "
+    "the file",
+)
 CHANNEL_WITHOUT_NUMBERS = Template(
     "channel_without_numbers", "{channel} is left out: cells without a number: {count}, first {place}"
 )
@@ -40,7 +46,7 @@ SATURATED_CHANNEL = Template(
 )
 CURRENT_BEYOND_LIMIT = Template(
     "current_beyond_limit",
-    "i_q reaches {factor:.3g} times the design's i_max: A rms read as A peak, or another motor",
+    "i_q reaches {factor:.3g} times the design's i_max: {cause}",
 )
 QUANTISED_CHANNEL = Template(
     "quantised_channel",

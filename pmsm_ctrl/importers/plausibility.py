@@ -18,6 +18,7 @@ from pmsm_ctrl.importers.delays import delays
 from pmsm_ctrl.importers.lost import lost_samples
 from pmsm_ctrl.importers.relations import BLOCKS, axis_balance, block_edges, drive_factor, integral, rate_factor, ratio
 from pmsm_ctrl.importers.rivals import LEADS
+from pmsm_ctrl.importers.table import Array
 from pmsm_ctrl.importers.timebase import growing_steps, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
@@ -260,8 +261,18 @@ def _saturation(log: Log, design: Design | None) -> list[Notice]:
     if design is not None and "i_q" in log and math.isfinite(design.drive.i_max):
         excess = float(np.max(np.abs(log["i_q"]))) / design.drive.i_max
         if excess > 1.1:
-            out.append(say.CURRENT_BEYOND_LIMIT(factor=excess))
+            out.append(say.CURRENT_BEYOND_LIMIT(factor=excess, cause=_cause_of_excess(log["i_q"])))
     return out
+
+
+def _cause_of_excess(current: Array) -> str:
+    """Say why a current may be too large: one of whole numbers of A has not been converted."""
+    if np.array_equal(current, np.round(current)):
+        return (
+            "whole numbers, so raw counts may be read as A; --map i_q='FACTOR * COLUMN [A]' converts them, with the A "
+            "of a count, or scale in [log]"
+        )
+    return "A rms read as A peak, or another motor"
 
 
 def _quantisation(log: Log) -> list[Notice]:

@@ -17,6 +17,7 @@ from pmsm_ctrl.importers.mapping import Assignment, Source, find_column
 from pmsm_ctrl.importers.notices import UNIT_ASSUMED
 from pmsm_ctrl.importers.plausibility import torque_factor, velocity_factor
 from pmsm_ctrl.importers.reading import read_all
+from pmsm_ctrl.importers.spare import unread
 from pmsm_ctrl.importers.strange_units import strange_units
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.importers.timebase import TimeBase, quantum, saturated_share, time_base
@@ -149,6 +150,7 @@ def describe(
     log, table, assignment = read_all(path, design, mapping, name)
     used = {source.column for source in assignment.sources}
     left = [c for i, c in enumerate(table.columns) if i not in used and not c.is_time]
+    notes = (*strange_units(left, log.motion), *unread(left, log.motion, log))
     told = {*assignment.notes, *(note for note in table.notes if note.startswith("read as "))}
     with np.errstate(all="ignore"):
         return ImportReport(
@@ -161,7 +163,7 @@ def describe(
             delays=delays(log),
             table=log_table(table, assignment),
             unused=tuple(column.label for column in left if column.label),
-            remarks=(*(note for note in log.provenance.notes if note not in told), *strange_units(left, log.motion)),
+            remarks=(*(note for note in log.provenance.notes if note not in told), *notes),
         )
 
 

@@ -14,8 +14,8 @@ from typing import IO, Any
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.frames import labels_of, stated_unit
-from pmsm_ctrl.importers.names import split_header
+from pmsm_ctrl.frames import index_of, labels_of, stated_unit
+from pmsm_ctrl.importers.names import guess_channel, split_header
 from pmsm_ctrl.importers.table import Array, Column, Table, left_out
 
 __all__ = ["Frame", "Source", "as_file", "frame_digest", "frame_table", "is_frame"]
@@ -75,7 +75,9 @@ def as_file(source: Source, name: str) -> Iterator[tuple[str | os.PathLike[str],
 
 
 def frame_table(frame: Frame, name: str) -> Table:
-    """Return the columns of a data frame as those of a file; an index that is no column does not count.
+    """Return the columns of a data frame as those of a file.
+
+    The index of pandas is a column where it holds times, or is named as a time, and no column is one.
 
     Parameters
     ----------
@@ -103,6 +105,9 @@ def frame_table(frame: Frame, name: str) -> Table:
         for key, (name, unit) in ((key, split_header(key)) for key in numbers)
     )
     arrays = list(numbers.values())
+    if not any(column.is_date or guess_channel(column.name) == "t" for column in columns):
+        clock, times = _index(frame)
+        columns, arrays = (*columns, *clock), [*arrays, *times]
 
     def load(indices: Sequence[int]) -> list[Array]:
         return [arrays[k] for k in indices]
@@ -112,6 +117,18 @@ def frame_table(frame: Frame, name: str) -> Table:
 
     left = [str(key) for key in names if str(key) not in numbers]
     return Table(label, type(frame).__name__, columns, load, locate, left_out("columns", left))
+
+
+def _index(frame: Frame) -> tuple[tuple[Column, ...], tuple[Array, ...]]:
+    """Return the index of a data frame as a time column and its numbers; nothing where it is no time."""
+    label, stamps = index_of(frame)
+    values = None if stamps is None else _numbers(stamps)
+    if stamps is None or values is None:
+        return (), ()
+    name, unit = split_header(str("index" if label is None else label))
+    if stamps.dtype.kind in "mM":
+        return (Column(name, "s", header=name, is_date=True),), (values,)
+    return ((Column(name, unit, header=str(label)),), (values,)) if guess_channel(name) == "t" else ((), ())
 
 
 def _numbers(column: Any) -> Array | None:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 
 import numpy as np
 
 from pmsm_ctrl.errors import LogError, MappingError, NextCommand
-from pmsm_ctrl.importers.mapping import MEASURED, REQUIRED, Assignment, Source
+from pmsm_ctrl.importers.mapping import MEASURED, REQUIRED, Assignment, Source, fits_axis
 from pmsm_ctrl.importers.notices import CHANNEL_WITHOUT_NUMBERS, CHANNEL_WITHOUT_TIME
-from pmsm_ctrl.importers.table import Array, Table
+from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.importers.vocabulary import meaning_of
 from pmsm_ctrl.section import Notice
 
-__all__ = ["with_time", "without_gaps"]
+__all__ = ["unread", "with_time", "without_gaps"]
 
 
 def _is_spare(source: Source, assignment: Assignment) -> bool:
@@ -93,3 +94,24 @@ def without_gaps(
         else:
             kept.append(source)
     return tuple(kept), tuple(notices)
+
+
+def unread(columns: Sequence[Column], motion: str, present: Container[str]) -> tuple[str, ...]:
+    """Return a note on every column whose name and unit are those of a measured channel that the log does not have.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        Those that are no channel.
+    motion : {"rotary", "linear"}
+    present : container of str
+        Channels of the log.
+    """
+    out = []
+    for column in columns:
+        meaning = None if column.is_text or not column.unit else meaning_of(column.name)
+        channel = meaning.channel if meaning is not None else ""
+        if channel in MEASURED and channel not in present and fits_axis(column.unit, channel, motion):
+            spec = f"{channel}='{column.name} [{column.unit}]'"
+            out.append(f"{column.label}: may be {channel}, which the log does not have; --map {spec} reads it")
+    return tuple(out)

@@ -137,7 +137,10 @@ def test_saturation(rng: np.random.Generator, design: Design) -> None:
     found = check(Log(channels | {"i_q": np.clip(channels["i_q"], -0.1, 0.1)}))
     assert any("i_q is at its limit of 0.1 A" in warning.text for warning in found), found
     found = check(Log(channels | {"i_q": channels["i_q"] * 40}), design)
-    assert any("times the design's i_max" in warning.text for warning in found)
+    assert any("times the design's i_max: A rms" in warning.text for warning in found)
+    counts = np.round(channels["i_q"] * 40 / (20 / 32768))
+    (notice,) = (one for one in check(Log(channels | {"i_q": counts}), design) if one.code == "current_beyond_limit")
+    assert "whole numbers, so raw counts may be read as A; --map i_q='FACTOR * COLUMN [A]'" in notice.text
 
 
 def test_quantisation_is_found_and_named(rng: np.random.Generator) -> None:

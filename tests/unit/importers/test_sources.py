@@ -122,6 +122,18 @@ def test_times_and_columns_that_are_no_numbers_in_a_frame() -> None:
     assert any("state" in note for note in log.provenance.notes)
 
 
+@pytest.mark.parametrize("zone", [None, "Europe/Berlin"])
+def test_the_time_index_of_pandas_is_the_time(zone: str | None) -> None:
+    pandas = pytest.importorskip("pandas")
+    columns = {name: values for name, values in COLUMNS.items() if "speed" in name or "torque" in name}
+    start = pandas.Timestamp("2026-03-01T10:00:00", tz=zone)
+    log = read_log(pandas.DataFrame(columns, index=start + pandas.to_timedelta(T, unit="s")))
+    np.testing.assert_allclose(log.t, T, atol=1e-9)
+    np.testing.assert_allclose(log["omega"], OMEGA, rtol=1e-12, atol=1e-12)
+    named = pandas.DataFrame(columns, index=pandas.Index(1e3 * T, name="time [ms]"))
+    np.testing.assert_allclose(read_log(named).t, T, atol=1e-12)
+
+
 def test_a_mapping_names_the_columns_of_a_frame() -> None:
     columns: dict[object, object] = {"a": T, "b": COLUMNS["speed [rpm]"], "c": COLUMNS["torque [N m]"]}
     log = read_log(Frame(columns), mapping={"t": "a [s]", "omega": "b [rpm]", "torque": "c [N m]"})

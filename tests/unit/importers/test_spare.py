@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import scipy.io
 
+from pmsm_ctrl.cli import main
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers import open_table, propose, read_log
+from pmsm_ctrl.importers import describe, open_table, propose, read_log
 
 T = 1e-3 * np.arange(300)
 THETA = 50.0 * np.sin(20.0 * T)
@@ -90,3 +91,34 @@ def test_a_vector_that_is_too_short(tmp_path: Path) -> None:
     assert proposal.complete
     with pytest.raises(LogError, match="or a mapping without theta"):
         read_log(path, mapping=COMPLETE | {"theta": "pos [rad]"})
+
+
+def test_cells_without_a_number_in_the_only_current_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    current = -THETA
+    current[100:103] = np.nan
+    path = mat(tmp_path / "log.mat", t_s=T, ichi=THETA, iq_A=current)
+    (notice,) = (notice for notice in propose(open_table(path)).notices if notice.code == "column_with_gaps")
+    assert "'iq_A' would be i_q, and cells of it hold no number: 3, first variable 'iq_A', sample 101" in notice.text
+    with pytest.raises(SystemExit) as left:
+        main(["import", str(path)])
+    assert left.value.code == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert "sample 101" in last
+    assert "COLUMN" not in last
+
+
+def test_a_unit_behind_in_and_a_lage(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{1e6 * t:.0f};{th:.4f};{-th:.4f}\n" for t, th in zip(T, THETA, strict=True))
+    path.write_text("Zeit in µs;Lage in °;I_q in A\n" + rows, encoding="utf-8")
+    log = read_log(path)
+    np.testing.assert_allclose(log.t, T)
+    np.testing.assert_allclose(log["theta"], np.deg2rad(THETA), atol=1e-5)
+
+
+def test_a_column_that_may_be_what_is_missing(tmp_path: Path) -> None:
+    path = table(tmp_path / "log.csv", "Iq [A peak],Kaitensu [rpm]", ["1.0,2.0"] * 300)
+    said = " | ".join(describe(path).remarks)
+    assert "Kaitensu [rpm]: may be omega, which the log does not have; --map omega='Kaitensu [rpm]' reads it" in said
