@@ -13,7 +13,7 @@ import numpy as np
 
 from pmsm_ctrl.design import EffectEntry
 from pmsm_ctrl.effects.signals import CURRENTS, SIGNALS
-from pmsm_ctrl.effects.soundness import value_at
+from pmsm_ctrl.effects.soundness import repeats, value_at
 from pmsm_ctrl.effects.structures import LogView, Search, Structure, Term
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 from pmsm_ctrl.units import axis_words
@@ -173,6 +173,16 @@ class Effect:
     def signals(self) -> tuple[str, ...]:
         """Signals the term reads."""
         return tuple(name for name in self.arguments if name in SIGNALS)
+
+    @cached_property
+    def repeats_with_turn(self) -> bool:
+        """Whether the term is a wave over the turn of the motor: it has an order, or is the same a turn further on.
+
+        One over the electrical angle is none, nor one with a period of its own, nor a function of the whole position.
+        """
+        if "theta" not in self.signals or "p" in self.signals or self.period:
+            return False
+        return bool(self.order) or repeats(self, "theta", 2.0 * math.pi)
 
     @property
     def dry(self) -> bool:

@@ -21,7 +21,7 @@ from pmsm_ctrl.errors import RequestError
 if TYPE_CHECKING:
     from pmsm_ctrl.effects.base import Effect
 
-__all__ = ["place_of", "refusal", "require_sound", "value_at"]
+__all__ = ["place_of", "refusal", "repeats", "require_sound", "value_at"]
 
 # Values of signals between which a term is tried: both signs, and zero.
 _TRIED: dict[str, tuple[float, ...]] = {
@@ -33,6 +33,8 @@ _TRIED: dict[str, tuple[float, ...]] = {
 _MOST = 6  # signals of which every combination is tried; of more the others keep one value
 # Draws of signals and parameters at which a linear term is tried, and by how much of itself it may be off: rounding.
 _DRAWS, _ROUNDING = 16, 1e-9
+# The same a period further on, where a sine loses digits.
+_TURNED = 1e-6
 # Effects that were tried: a design asks for its effects often.
 _SOUND: WeakSet[Any] = WeakSet()
 
@@ -104,6 +106,33 @@ def value_at(effect: Effect, values: Mapping[str, float]) -> Any:
         return effect.py_term(*(values[name] for name in effect.arguments))
     except (ArithmeticError, ValueError) as error:
         raise refusal(effect, values, str(error)) from error
+
+
+def repeats(effect: Effect, signal: str, period: float) -> bool:
+    """Return whether the term of an effect varies over a signal, and is the same a period further on.
+
+    Parameters
+    ----------
+    effect : Effect
+    signal : str
+        One that the term reads.
+    period : float
+        Of that signal, in its unit.
+
+    Returns
+    -------
+    bool
+    """
+    draw, own, varies = random.Random(1), _parameters(effect), False
+    for _ in range(_DRAWS):
+        at = own | {name: draw.uniform(min(_TRIED[name]), max(_TRIED[name])) for name in effect.signals}
+        start, within, behind = (
+            _numbers(effect, at | {signal: at[signal] + share * period}) for share in (0.0, draw.random(), 1.0)
+        )
+        if any(abs(a - b) > _TURNED * (abs(a) + abs(b)) for a, b in zip(start, behind, strict=False)):
+            return False
+        varies |= any(abs(a - b) > _TURNED * (abs(a) + abs(b)) for a, b in zip(start, within, strict=False))
+    return varies
 
 
 def place_of(effect: Effect) -> str:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.identify import notices as words
 from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.instrumental import BiasTest
+from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.least_squares import Cause, Fit
 from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.section import Notice
 
-__all__ = ["contradictions_of", "doubts", "large", "verdict"]
+__all__ = ["contradictions_of", "doubts", "large", "left_out", "verdict"]
 
 
 def doubts(design: Design, fit: Fit) -> list[Notice]:
@@ -54,6 +56,19 @@ def contradictions_of(design: Design, fit: Fit) -> tuple[Notice, ...]:
     sure = policy.SURE * fit.stderr["J"]
     far = J - sure > policy.IMPLAUSIBLE * design.J or J + sure < design.J / policy.IMPLAUSIBLE
     return (words.INERTIA_FAR(value=J, ratio=J / design.J),) if far else ()
+
+
+def left_out(design: Design, record: Record) -> tuple[Notice, ...]:
+    """Return a notice of every torque of the design that this log cannot evaluate.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    """
+    entering = (effect for effect, _ in bound_effects(design) if effect.enters == "torque")
+    found = ((effect.id, effect.structure.available(record, effect)) for effect in entering)
+    return tuple(words.EFFECT_LEFT_OUT(effect=name, why=why) for name, why in found if why)
 
 
 def large(error: float) -> tuple[Notice, ...]:

@@ -15,7 +15,7 @@ from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.identify import notices as words
 from pmsm_ctrl.identify.beside import apart, by_instruments
-from pmsm_ctrl.identify.doubts import contradictions_of, doubts, large, verdict
+from pmsm_ctrl.identify.doubts import contradictions_of, doubts, large, left_out, verdict
 from pmsm_ctrl.identify.effective import effective_only
 from pmsm_ctrl.identify.evaluation import as_diagnosed, by_method, sampled_log
 from pmsm_ctrl.identify.instrumental import BiasTest
@@ -228,7 +228,8 @@ def identify(
     held = [note for note in problem.notes if note.code == SAMPLED_IN_STEP.code]
     notes = [note for note in problem.notes if note not in held]
     said = (
-        *contradictions, *filter(None, (made.worse, effective)), *made.far, *held, *record_notices(made.several.rows),
+        *contradictions, *filter(None, (made.worse, effective)), *made.far, *held,
+        *(left_out(given, made.record) if usual else ()), *record_notices(made.several.rows),
         *large(made.size["relative_error"]), *believed.notices[len(believed.contradictions) :], *notes,
         *made.folded, *orders_beyond(design, used, problem.cutoff), *solution.notices, *made.near, *doubts(design, fit),
         *moved(over, fit), *(_beside(design, whole, fit) if check_method and usual else ()),

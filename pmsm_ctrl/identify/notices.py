@@ -7,7 +7,8 @@ from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
     "BETWEEN_SAMPLES", "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT",
-    "EFFECTIVE_BY_DELAY", "EFFECTIVE_BY_FLOOR", "EFFECTIVE_VALUES", "FEW_DEGREES_OF_FREEDOM", "ILL_CONDITIONED",
+    "EFFECTIVE_BY_DELAY", "EFFECTIVE_BY_FLOOR", "EFFECTIVE_VALUES", "EFFECT_LEFT_OUT",
+    "FEW_DEGREES_OF_FREEDOM", "ILL_CONDITIONED",
     "INERTIA_BY_INSTRUMENTS", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF", "INERTIA_OVER_CUTOFF", "LARGE_ERROR",
     "MISFIT", "NEGATIVE", "NOT_BIASED", "NOT_CONVERGED", "OPEN_LOOP", "REPLAYED_CURRENT",
     "UNSETTLED", "WRONG_LOOPS", "beyond_error", "not_identifiable",
@@ -24,6 +25,7 @@ BETWEEN_SAMPLES = Template(
     "the torque moves between the samples of this log, which may shift {shifts}; the intervals allow for that; log at "
     "the rate of the speed loop, {rate:g} Hz, or the mean over a period, and state it in [log]",
 )
+EFFECT_LEFT_OUT = Template("effect_left_out", "{effect} of the design is left out of the torque: {why}")
 ILL_CONDITIONED = Template(
     "ill_conditioned", "condition number {condition:.3g}: some parameters are nearly inseparable on this motion"
 )

@@ -234,9 +234,8 @@ class Structure(ABC):
             return "it shows in the voltages alone, and this log has no u_d and u_q"
         if "p" in effect.signals and motor.p is None:
             return "the design does not know the pole pairs"
-        by_turn = "theta" in (*effect.signals, *effect.channels) and "p" not in effect.signals
-        if balances.linear and by_turn and not effect.period:
-            return "a linear axis has no turn"
+        if balances.linear and effect.repeats_with_turn:
+            return "a linear axis has no turn, with which it repeats"
         absent = [s for s in effect.signals if s not in balances.signals and s not in INTERNAL]
         return f"the log has no {', '.join(absent)}" if absent else ""
 
