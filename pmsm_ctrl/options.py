@@ -344,7 +344,7 @@ def _to_confirm(file: Path, design: Path | None, proposal: Proposal) -> str:
 
     from pmsm_ctrl.importers.guessing import RATE_IS_OPEN
     from pmsm_ctrl.importers.naming import AS_STATED
-    from pmsm_ctrl.importers.notices import COLUMN_WITH_GAPS
+    from pmsm_ctrl.importers.notices import UNUSABLE
 
     typed = ["pmsm-ctrl", "import", str(file), *(["--design", str(design)] if design is not None else [])]
     if any(guess.open_question == RATE_IS_OPEN for guess in proposal.guesses):
@@ -358,7 +358,7 @@ def _to_confirm(file: Path, design: Path | None, proposal: Proposal) -> str:
         typed += ["--map", f"{group.split()[-1]}=COLUMN [UNIT]"]
     if proposal.complete:
         return f"{file}: not read: the mapping has not been confirmed; --yes takes it, or: {shlex.join(typed)}"
-    gaps = [notice.text for notice in proposal.found if notice.code == COLUMN_WITH_GAPS.code]
+    gaps = [notice.text for notice in proposal.found if notice.code in UNUSABLE]
     if gaps:
         return f"{file}: not read: {'; '.join(gaps)}"
     lacking = [*proposal.missing, *(f"{g.open_question} of {g.channel}" for g in proposal.guesses if g.open_question)]

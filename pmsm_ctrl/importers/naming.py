@@ -164,16 +164,18 @@ def leave_constants(case: Case) -> None:
 
 
 def say_gaps(case: Case) -> None:
-    """Doubt a column that would be a channel which a log needs, and which is missing for cells without a number."""
+    """Doubt a column that would be a channel which a log needs, and which is missing for its cells or its length."""
     for group in REQUIRED:
-        if not any(case.at(channel) is not None for channel in group):
-            for i, channel in (
-                (i, _named_as(case, i)) for i in case.usable if not {i} & (case.role.keys() | case.untimed)
-            ):
-                bad = ~np.isfinite(case.values[i])
-                if channel in group and bad.any() and not bad.all():
-                    facts = {"count": int(np.count_nonzero(bad)), "place": case.table.locate(i, int(np.argmax(bad)))}
-                    case.doubts.append(say.COLUMN_WITH_GAPS(column=case.columns[i].label, channel=channel, **facts))
+        if any(case.at(channel) is not None for channel in group):
+            continue
+        for i in (i for i in case.usable if i not in case.role and _named_as(case, i) in group):
+            bad = ~np.isfinite(case.values[i])
+            named = {"column": case.columns[i].label, "channel": _named_as(case, i)}
+            if i in case.untimed:
+                case.doubts.append(say.COLUMN_WITHOUT_TIME(count=case.values[i].size, **named))
+            elif bad.any() and not bad.all():
+                place = case.table.locate(i, int(np.argmax(bad)))
+                case.doubts.append(say.COLUMN_WITH_GAPS(count=int(np.count_nonzero(bad)), place=place, **named))
 
 
 def _named_as(case: Case, i: int) -> str:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CHANNEL_WITHOUT_NUMBERS", "CHANNEL_WITHOUT_TIME", "COLUMN_WITH_GAPS",
-    "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES", "FROM_PHYSICS", "FROZEN_CHANNEL",
-    "HEADER_PERIOD", "HELD_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "OTHER_UNIT", "PEAK_OR_RMS",
-    "POSITION_JUMPS", "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION",
-    "REFERENCE_FACTOR",
-    "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_LEADS", "SPEED_SPIKES", "SPEED_UNRELATED",
-    "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED", "TWO_COLUMNS_FIT", "UNIT_ASSUMED",
-    "UNLIKELY_INERTIA", "UNLIKELY_PERIOD", "UNSURE_NAME",
+    "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CHANNEL_WITHOUT_NUMBERS", "CHANNEL_WITHOUT_TIME", "COLUMN_WITHOUT_TIME",
+    "COLUMN_WITH_GAPS", "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES", "FROM_PHYSICS",
+    "FROZEN_CHANNEL", "HEADER_PERIOD", "HELD_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "OTHER_UNIT",
+    "PEAK_OR_RMS", "POSITION_JUMPS", "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION",
+    "REFERENCE_FACTOR", "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_LEADS", "SPEED_SPIKES",
+    "SPEED_UNRELATED", "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED", "TWO_COLUMNS_FIT",
+    "UNIT_ASSUMED", "UNLIKELY_INERTIA", "UNLIKELY_PERIOD", "UNSURE_NAME", "UNUSABLE",
 ]  # fmt: skip
 
 # -- time ----
@@ -33,6 +32,13 @@ COLUMN_WITH_GAPS = Template(
     "'{column}' would be {channel}, and cells of it hold no number: {count}, first {place}; fill them in, or cut "
     "the file",
 )
+COLUMN_WITHOUT_TIME = Template(
+    "column_without_time",
+    "'{column}' would be {channel}, and has {count} samples, as many as no time: export it with its time, or as long "
+    "as the others",
+)
+# of a column that a log needs, and that no mapping makes usable
+UNUSABLE = (COLUMN_WITH_GAPS.code, COLUMN_WITHOUT_TIME.code)
 CHANNEL_WITHOUT_NUMBERS = Template(
     "channel_without_numbers", "{channel} is left out: cells without a number: {count}, first {place}"
 )

@@ -58,7 +58,8 @@ def open_parquet(path: Path, file: str) -> Table:
 
 def _usable(pyarrow: Any, kind: Any) -> bool:
     types = pyarrow.types
-    tests = (types.is_integer, types.is_floating, types.is_boolean, types.is_timestamp, types.is_duration)
+    tests = (types.is_integer, types.is_floating, types.is_boolean, types.is_timestamp, types.is_duration,
+             types.is_decimal)  # fmt: skip
     return any(test(kind) for test in tests)
 
 

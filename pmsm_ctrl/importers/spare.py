@@ -8,9 +8,11 @@ import numpy as np
 
 from pmsm_ctrl.errors import LogError, MappingError, NextCommand
 from pmsm_ctrl.importers.mapping import MEASURED, REQUIRED, Assignment, Source, fits_axis
+from pmsm_ctrl.importers.names import counts_of
 from pmsm_ctrl.importers.notices import CHANNEL_WITHOUT_NUMBERS, CHANNEL_WITHOUT_TIME
 from pmsm_ctrl.importers.table import Array, Column, Table
 from pmsm_ctrl.importers.vocabulary import meaning_of
+from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.section import Notice
 
 __all__ = ["unread", "with_time", "without_gaps"]
@@ -112,6 +114,11 @@ def unread(columns: Sequence[Column], motion: str, present: Container[str]) -> t
         meaning = None if column.is_text or not column.unit else meaning_of(column.name)
         channel = meaning.channel if meaning is not None else ""
         if channel in MEASURED and channel not in present and fits_axis(column.unit, channel, motion):
-            spec = f"{channel}='{column.name} [{column.unit}]'"
-            out.append(f"{column.label}: may be {channel}, which the log does not have; --map {spec} reads it")
+            si = CHANNELS[channel][motion == "linear"]
+            spec, said = f"{column.name} [{column.unit}]", "reads it"
+            if counts_of(column.unit):
+                spec, said = f"FACTOR * {column.name} [{si}]", f"reads it, with the {si} of a count"
+            out.append(
+                f"{column.label}: may be {channel}, which the log does not have; --map {channel}='{spec}' {said}"
+            )
     return tuple(out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import warnings
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -168,6 +169,15 @@ def test_parquet(tmp_path: Path) -> None:
     np.testing.assert_allclose(log["omega"], RPM * np.arange(200), rtol=1e-12)
     assert log["temperature"].tolist() == (FAST > 0.1).astype(float).tolist()
     assert any("State" in note for note in log.provenance.notes)
+
+
+def test_decimals_of_parquet_are_numbers(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    import pyarrow.parquet as writer
+
+    current = pyarrow.array([Decimal(f"{value:.4f}") for value in FAST])
+    writer.write_table(pyarrow.table({"time [s]": FAST, "speed [rad/s]": FAST, "iq [A peak]": current}), tmp_path / "p")
+    np.testing.assert_allclose(read_log(tmp_path / "p")["i_q"], FAST, atol=1e-4)
 
 
 MAKERS = {

@@ -109,6 +109,12 @@ def test_cells_without_a_number_in_the_only_current_are_named(
     assert "COLUMN" not in last
 
 
+def test_the_only_current_is_too_short(tmp_path: Path) -> None:
+    path = mat(tmp_path / "log.mat", t_s=T, ichi=THETA, iq_A=-THETA[:-5])
+    (notice,) = (notice for notice in propose(open_table(path)).notices if notice.code == "column_without_time")
+    assert "'iq_A' would be i_q, and has 295 samples, as many as no time" in notice.text
+
+
 def test_a_unit_behind_in_and_a_lage(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     rows = "".join(f"{1e6 * t:.0f};{th:.4f};{-th:.4f}\n" for t, th in zip(T, THETA, strict=True))
@@ -119,6 +125,7 @@ def test_a_unit_behind_in_and_a_lage(tmp_path: Path) -> None:
 
 
 def test_a_column_that_may_be_what_is_missing(tmp_path: Path) -> None:
-    path = table(tmp_path / "log.csv", "Iq [A peak],Kaitensu [rpm]", ["1.0,2.0"] * 300)
+    path = table(tmp_path / "log.csv", "Iq [A peak],Kaitensu [rpm],Sokudo [counts/s]", ["1.0,2.0,3.0"] * 300)
     said = " | ".join(describe(path).remarks)
+    assert "Sokudo [counts/s]: may be omega, which the log does not have; --map omega='FACTOR * Sokudo [rad/s]'" in said
     assert "Kaitensu [rpm]: may be omega, which the log does not have; --map omega='Kaitensu [rpm]' reads it" in said
