@@ -259,9 +259,10 @@ def disagreement(record: Record, model: Model, weights: Whitener, whitener: Whit
     inertia = float(model.nominal[model.names.index("J")])
     rows = (contrasts(count) @ inside * record.acceleration(), *(None for _ in record.channels[1:]))
     usual = usual_spread(record) | {"J": USUAL_INERTIA * inertia}
-    free_inertia = model.sigma.copy()
-    free_inertia[model.names.index("J")] = np.inf  # what the datasheet says of all of them divides none
-    model = replace(model, sigma=free_inertia)
+    common = model.sigma.copy()
+    common[model.names.index("J")] = np.inf  # what the datasheet says of all of them divides none
+    common[model.names.index(MEAN)] = np.inf  # nor does a load that is missing in all of them
+    model = replace(model, sigma=common)
     for number, share in enumerate(_noise_shares(record)):
         own_rows = ((inside[number] * record.acceleration())[None], *(None for _ in record.channels[1:]))
         model = model.plus(Group(None, (f"J of record {number + 1}",), own_rows, {}), max(share, SMALLEST) * inertia)

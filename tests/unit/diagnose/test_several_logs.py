@@ -59,6 +59,15 @@ def test_a_load_of_two_records_is_named() -> None:
     assert [row.deviations["offset"].value for row in found.records] == pytest.approx([0.0, 0.0], abs=2e-4)
 
 
+def test_records_that_lack_the_same_effect_agree() -> None:
+    """Both were said to differ from the other, with deviations of zero: a load was missing in either."""
+    found = identify(DESIGN, records([{"offset": 0.006}] * 2))
+    assert "record_disagrees" not in {notice.code for notice in found.notices}
+    assert min(row.p_value for row in found.records) > 0.01
+    other = identify(DESIGN, records([{}, {"offset": 0.006}]))
+    assert max(row.deviations["offset"].value for row in other.records) == pytest.approx(0.006, rel=0.1)
+
+
 def test_without_a_load_its_torque_is_left_and_not_taken_up_by_what_records_differ_in() -> None:
     logs = records([{"offset": 0.03 + 0.004 * k} for k in (-1.0, 0.2, 0.8)])
     fit = diagnose(DESIGN, logs, candidates=["constant_load"], plan=False).selection.fit
