@@ -54,6 +54,7 @@ Array = NDArray[np.float64]
 # Names of the nuisance parameters of the drive signal's sampling.
 LATENESS, SPREAD, EMF, EMF_FILTERED = "tau_drive", "spread_drive", "tau_emf", "tau_emf_filtered"
 IN_STEP = "in_step"  # torque by speed, of a position reference that is held
+INSTANT_EMF = "instant_emf"  # what the back-emf makes of it, through the resistance
 INSTANT = "instant"  # what the current of an instant is larger by than its mean over a control period
 AGE, SPEED_SPREAD = "tau_speed", "spread_speed"  # of a speed without a position
 # By which the compensation of the back-emf lags, s: a speed filter; and the longest one that two columns describe.

@@ -249,7 +249,7 @@ def base_groups(
     timing = list(sampling_terms(record, settled) if record.age is None else speed_terms(record, record.age, settled))
     swung = [*instant_terms(record), *coupled_terms(record)]
     of_torque = [term for term in (*timing, *swung) if term.modelled]
-    measured = [*terms, *(term for term in timing if not term.modelled)]
+    measured = [*terms, *(term for term in (*timing, *swung) if not term.modelled)]
     # what follows from a modelled torque is filtered already
     columns = _columns_of(record, measured) | _columns_of(record, of_torque, record.late is not None)
     groups = [Group(None, (term.name,), columns[term.name], {}) for term in terms]

@@ -19,6 +19,7 @@ from pmsm_ctrl.regression.drive_timing import (
     EMF_LATE,
     IN_STEP,
     INSTANT,
+    INSTANT_EMF,
     LATENESS,
     SPEED_SPREAD,
     SPREAD,
@@ -157,19 +158,27 @@ def instant_terms(record: Record) -> Iterator[Term]:
     A voltage stands still in the stator while the rotor turns under it, and the current swings about its mean:
     ``L di/dt = u0 (exp(-j p omega (t - T / 2)) - mean)`` begins a period with ``-j p omega T^2 u0 / (12 L)``, of which
     ``u0 = j p omega L i`` is in phase with the current. A sampled mean of instants has it whole, one over the period
-    nothing of it; torque and speed squared look like a drag or, beside a weight, like a friction by direction.
+    nothing of it; torque and speed squared look like a drag or, beside a weight, like a friction by direction. What the
+    back-emf swings it by is a quarter of a turn ahead, and the resistance turns a part of that into the torque's axis,
+    to first order ``-(psi_f / L) (R T / L) (p omega T)^3 / 240``: a drag that grows with the cube of the speed.
 
     Parameters
     ----------
     record : Record
     """
-    design, omega = record.design, record.signals["omega"]
-    if design.motor.p is None or record.late is None:
+    design, omega, motor = record.design, record.signals["omega"], record.design.motor
+    if motor.p is None or record.late is None:
         return
-    excess = (design.motor.p * omega * control_period(design)) ** 2 / 12.0
+    period, torque = control_period(design), record.signals["torque"]
+    turned = motor.p * omega * period
+    excess = turned**2 / 12.0
     if float(excess.max()) > LEAST_EXCESS:
-        torque = record.signals["torque"]
         yield Term(INSTANT, lambda: {"torque": torque * excess}, 0.0, 1.0, True)
+    if motor.R is None or motor.L_q is None or motor.psi_f is None:
+        return
+    by_emf = design.K_t_assumed * motor.psi_f / motor.L_q * (motor.R * period / motor.L_q) * turned**3 / -240.0
+    if float(np.abs(by_emf).max()) > LEAST_EXCESS * float(np.sqrt(np.mean(torque**2))):
+        yield Term(INSTANT_EMF, lambda: {"torque": by_emf}, 0.0, 1.0)
 
 
 def coupled_terms(record: Record) -> Iterator[Term]:

@@ -336,7 +336,7 @@ MUTATIONS = (
     Mutation("a friction that bends above the highest speed is a curve", "diagnose/judging.py",
              "if bends and one.shape[bends] >", "if bends and one.shape[bends] > 1e9 *",
              "unit/diagnose/test_judging.py"),
-    Mutation("a stated sampling is right to a twentieth of a period, whatever the control", "regression/drive_timing.py",
+    Mutation("a stated sampling is right to a twentieth of its period", "regression/drive_timing.py",
              "max(STATED_WITHIN * period, control_period(design))", "STATED_WITHIN * period",
              "unit/regression/test_drive_timing.py -k stated_mean"),
     Mutation("reversals stay late at the end of what sampling can do", "regression/late_reversals.py",
