@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from pmsm_ctrl.verify import notices as words
 from pmsm_ctrl.verify.result import Outcome, Verification
 
 __all__ = ["advice_of"]
@@ -41,6 +42,9 @@ def advice_of(found: Verification, missing: Sequence[str]) -> Verification:
         case Outcome.LIMIT_CYCLE:
             text = (f"Lower the gain at once: a limit cycle at rest of {found.after.cycle_frequency:.3g} Hz has begun; "
                     "`pmsm-ctrl compensate` finds the highest safe gain.")  # fmt: skip
+        case _ if any(one.code == words.ROUNDED.code for one in found.notices):
+            text = ("Log the same motion again at the rate of the speed loop, and the current reference beside the "
+                    "measured current: these logs advise no factor.")  # fmt: skip
         case _ if found.implausible:
             text = (f"Check how the drive forms its feedforward, and the unit of {', '.join(found.implausible)}; these "
                     "logs advise no factor.")  # fmt: skip

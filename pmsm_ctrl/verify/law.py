@@ -50,6 +50,8 @@ class Law:
         Rms, A.
     retuned : bool
         Whether the gains of the controller differ between the logs.
+    rounded : float
+        Error of the gain that is due to rounded samples of the controller's error, a standard error.
     t, added, predicted : array, shape (n,)
         Time (s), current of the second log beside its controller, and what the compensator makes of it, A.
     """
@@ -67,6 +69,7 @@ class Law:
     explained: float
     residual: float
     retuned: bool
+    rounded: float
     t: Array
     added: Array
     predicted: Array
@@ -92,10 +95,15 @@ def fit_law(before: Record, after: Record, progress: Callable[[float], None] = l
     retuned = rows.residual_rms(place) > policy.RETUNED * own
     if retuned:
         rows, place = apart, rough_place(apart)
+    rows, share = _turned(rows, place)
     whitener, near = _found(rows, place, progress)
     progress(1.0)
     where = _ends(near, after.period)
     gain, parts = (rows.gains(whitener, where, by_part=by_part) for by_part in (False, True))
+    if rows.is_turned:
+        rounded = float(gain.stderr[1])
+    else:
+        (gain, rounded), (parts, _) = (_doubted(rows, near.place, one, share) for one in (gain, parts))
     added, predicted = rows.added(whitener, near.place)
     rest = rows.residual(near.place)
     y = rows.joined(*(one.current - one.current[one.used].mean() for one in (before, after)))
@@ -108,8 +116,29 @@ def fit_law(before: Record, after: Record, progress: Callable[[float], None] = l
         gain, _kept(parts, tuple(after.fed)), near.place.delay, near.earliest.delay - convention,
         near.latest.delay + convention, sign, low, high, near.place.free, unresolved,
         1.0 - (left / size) ** 2 if size > 0.0 else 0.0, float(np.sqrt(np.mean(rest[rows.used] ** 2))), retuned,
-        after.t, added, predicted,
+        rounded, after.t, added, predicted,
     )  # fmt: skip
+
+
+def _turned(rows: Rows, place: Place) -> tuple[Rows, float]:
+    """Return rows whose error is in the right place, and how much of what is left is due to rounded samples."""
+    turned = rows.turned()
+    walk, rounding = turned.walk_of_integral(turned.whitener(place), place), rows.records[1].rounding
+    if walk <= policy.WALK * rounding and not rows.records[1].measured:
+        return turned, 1.0
+    return rows, min(1.0, (rounding / walk) ** 2)
+
+
+def _doubted(rows: Rows, place: Place, found: Added, share: float) -> tuple[Added, float]:
+    """Return gains with the error by rounded samples, and that of the second.
+
+    The gains lie between those with all error in the current and those with all of it in the integral.
+    """
+    turned = rows.turned()
+    by_part = len(found.names) > 2 or found.names[1] != "change"
+    other = turned.gains(turned.whitener(place), [place], by_part=by_part)
+    away = share * (other.value - found.value)
+    return replace(found, covariance=found.covariance + np.outer(away, away)), abs(float(away[1]))
 
 
 def _seen(record: Record, near: Profile) -> tuple[Sign | None, bool]:
@@ -125,15 +154,33 @@ def _found(rows: Rows, rough: Place, progress: Callable[[float], None]) -> tuple
     whitener = rows.whitener(rough)
     near = profile(rows, whitener, rough, lambda share: progress(0.1 + 0.4 * share))
     if near.place.sign is None:
-        return whitener, near
+        return (whitener, near) if not rows.is_turned or _adds(rows, whitener, near.place) else _stated(rows)
     whitener = rows.whitener(near.place)  # the rough width shifts the noise as well
     near = profile(rows, whitener, near.place, lambda share: progress(0.5 + 0.4 * share))
+    if rows.is_turned and not _adds(rows, whitener, near.place):
+        return _stated(rows)
     free = freed(rows, whitener, near.place) if near.other else near.place
     if not free.free:
         return whitener, near
     whitener = rows.whitener(free)
     freer = profile(rows, whitener, free)
     return whitener, replace(freer, narrowest=near.narrowest, widest=near.widest)
+
+
+def _adds(rows: Rows, whitener: ChannelWhitener, place: Place) -> bool:
+    """Whether the second record has more of the feedforward there than its error."""
+    gain = rows.gains(whitener, [place], by_part=False)
+    return bool(abs(gain.value[1]) > 2.0 * gain.stderr[1])
+
+
+def _stated(rows: Rows) -> tuple[ChannelWhitener, Profile]:
+    """Return what a drive that adds nothing is judged at: no place is better than that of the design.
+
+    Where the integral is in error, what the loop does behind a reversal fits a late and smoothed feedforward, in both
+    records alike.
+    """
+    place = Place(0.0)
+    return rows.whitener(place), Profile(place, place, place, place, place, other=False)
 
 
 def _ends(near: Profile, period: float) -> list[Place]:

@@ -28,6 +28,11 @@ UNEXPLAINED = Template(
     "position, speed and their references explain only {share:.0%} of the varying current: the channels do not belong "
     "together, or the structure of the controller is not supported",
 )
+ROUNDED = Template(
+    "verify_rounded_error",
+    "the logs hold the rounded error of the controller at {rate:.4g} Hz, and not every cycle of it: its integral is "
+    "not separable from the feedforward",
+)
 NOT_TOLD = Template(
     "verify_part_not_told",
     "the gain of '{effect}' is not separable on this motion ({gain}): it contributes {share:.0%} of the compensated "

@@ -92,6 +92,8 @@ class Record:
         Current that the law explains, A.
     columns : array, shape (n, k)
         What the controller reads.
+    integral : int
+        Column of the integral of its error, summed over the samples of the log.
     fed : dict of effect to array, shape (n,)
         Currents of the compensator at a gain of 1, A.
     used : bool array, shape (n,)
@@ -99,15 +101,19 @@ class Record:
         Its currents for another sign of the speed, sample by sample; None where the friction turns over a travel.
     mean : int
         Samples of the log whose mean is one sample here.
+    measured : bool
+        Whether the current is a measured one, with a noise of its own, and not the controller's output.
     """
 
     t: Array
     current: Array
     columns: Array
+    integral: int
     fed: Mapping[str, Array]
     used: Mask
     unsigned: Unsigned | None = None
     mean: int = 1
+    measured: bool = False
 
     @property
     def period(self) -> float:
@@ -118,6 +124,15 @@ class Record:
     def total(self) -> Array:
         """Current of all parts of the compensator, A."""
         return np.asarray(np.sum(list(self.fed.values()), axis=0))
+
+    @property
+    def rounding(self) -> float:
+        """Rms of what a sample of the controller's error differs by from a smooth course, in its unit.
+
+        Third differences, whose variance is 20 times that of independent samples, are free of a smooth course.
+        """
+        error = np.diff(self.columns[:, self.integral]) / self.period
+        return float(np.std(np.diff(error, 3)) / np.sqrt(20.0))
 
     def signed(self, sign: Sign | None) -> Record:
         """Return the record of a drive with this sign of the speed; with that of the design for None."""
@@ -140,8 +155,9 @@ def averaged(record: Record, width: int) -> Record:
     """Return the means of neighbouring samples of a record, `width` each."""
     return Record(
         _means(record.t, width), _means(record.current, width), _means(record.columns, width),
-        {name: _means(values, width) for name, values in record.fed.items()},
+        record.integral, {name: _means(values, width) for name, values in record.fed.items()},
         _means(record.used.astype(float), width) > 0.999, record.unsigned, width,
+        record.measured,
     )  # fmt: skip
 
 

@@ -1,4 +1,12 @@
-"""The rows of two records: what is left of them at a delay and a sign of the speed, and the gains there."""
+"""The rows of two records: what is left of them at a delay and a sign of the speed, and the gains there.
+
+The integral of the error is a sum over the samples of the log, where the controller adds up every cycle. In a log that
+is slower than the controller, each sample of a rounded error stands for the cycles between: the sum walks away from the
+integral, at random. This error is in a column, not in the current, and makes its coefficient too small; the friction
+that the integrator carries is then taken for feedforward, in both records. Rows that are `turned` have the integral
+for what is explained and the current for a column: then all error is in what is explained.
+Source: W. A. Fuller, Measurement Error Models, 1987, ch. 1.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +29,7 @@ Array = NDArray[np.float64]
 Pairs = Mapping[str, tuple[Array | None, Array | None]]
 
 ROUNDS = 2  # of whitening
+TURNED_ROUNDS = 3  # of whitening a walk at random, whose level the first rounds take for a part of the law
 
 
 @dataclass(frozen=True)
@@ -63,6 +72,10 @@ class Added:
         return np.sqrt(np.diag(self.covariance))
 
 
+def _norms(columns: Array) -> Array:
+    return np.asarray(np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+
+
 def beyond(columns: Array, target: Array) -> Array:
     """Return what columns do not explain of a target; few columns, so that their products are exact enough."""
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
@@ -73,8 +86,8 @@ def beyond(columns: Array, target: Array) -> Array:
 class Rows:
     """The rows of both records, one unused row between them."""
 
-    def __init__(self, before: Record, after: Record, *, separate: bool) -> None:
-        self.records = before, after
+    def __init__(self, before: Record, after: Record, *, separate: bool, turned: bool = False) -> None:
+        self.records, self.separate, self.is_turned = (before, after), separate, turned
         n, m = len(before.t), len(after.t)
         self.split, size = n, n + 1 + m
         k = before.columns.shape[1]
@@ -85,6 +98,24 @@ class Rows:
         self.base = base / np.maximum(np.linalg.norm(base, axis=0), 1e-300)
         self.y = self.joined(before.current, after.current)
         self.used = self.joined(before.used.astype(float), after.used.astype(float)) > 0.0
+        own = after.integral
+        self.integrals = [own, k + own] if separate else [own]
+        self.instruments, self.target = self.base, self.y
+        if turned:
+            self._turn()
+
+    def _turn(self) -> None:
+        """Let the current stand for the integral; of separate laws each in its own record."""
+        self.target = self.base[:, self.integrals].sum(axis=1)
+        self.instruments = self.base.copy()
+        here = [self.y] if not self.separate else [self.joined(self.y[: self.split], None),
+                                                   self.joined(None, self.y[self.split + 1 :])]  # fmt: skip
+        for column, current in zip(self.integrals, here, strict=True):
+            self.instruments[:, column] = current / max(float(np.linalg.norm(current)), 1e-300)
+
+    def turned(self) -> Rows:
+        """Return the rows with the integral for what is explained."""
+        return Rows(*self.records, separate=self.separate, turned=True)
 
     def joined(self, before: Array | None, after: Array | None) -> Array:
         """Return one column over both records, zero where there is none."""
@@ -175,12 +206,24 @@ class Rows:
 
     def whitener(self, place: Place) -> ChannelWhitener:
         """Return the whitener of the noise that the law leaves."""
-        rows, rest = self.rows(place), self.residual(place)
+        currents, rest = self.totals(place), self.residual(place)
+        rows = np.column_stack([self.base, currents])
         whitener = self._of(rest, rows.shape[1])
-        for _ in range(ROUNDS - 1):
-            value = np.linalg.lstsq(self.white(whitener, rows), self.white(whitener, self.y), rcond=None)[0]
-            whitener = self._of(np.where(self.used, self.y - rows @ value, 0.0), rows.shape[1])
+        for _ in range(TURNED_ROUNDS if self.is_turned else ROUNDS - 1):
+            rest = np.where(self.used, self.y - rows @ self._value(whitener, currents), 0.0)
+            whitener = self._of(rest, rows.shape[1])
         return whitener
+
+    def _value(self, whitener: ChannelWhitener, currents: Array) -> Array:
+        """Return the coefficients of the law and of these currents."""
+        rows, instruments = (self.white(whitener, np.column_stack([one, currents]))
+                             for one in (self.base, self.instruments))  # fmt: skip
+        y = self.white(whitener, self.y)
+        if not self.is_turned:
+            return np.asarray(np.linalg.lstsq(rows, y, rcond=None)[0])
+        scale, held = _norms(rows), _norms(instruments)
+        solved = np.linalg.pinv((instruments / held).T @ (rows / scale), rcond=1e-12) @ ((instruments / held).T @ y)
+        return np.asarray(solved / scale)
 
     def _of(self, rest: Array, lost: int) -> ChannelWhitener:
         return channel_whitener(rest, np.ones_like(rest), self.used, 1.0 / self.records[1].period, lost)
@@ -195,15 +238,19 @@ class Rows:
         names = tuple(pairs)
         currents = self.currents(place.delay, {**pairs, **self._shape(place)})
         rows = self.white(whitener, np.column_stack([self.base, currents]))
-        scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+        scale = _norms(rows)
         rows, y = rows / scale, self.white(whitener, self.y)
-        inverse = np.linalg.pinv(rows.T @ rows, rcond=1e-12, hermitian=True)
-        value = inverse @ (rows.T @ y)
+        held = rows
+        if self.is_turned:
+            held = self.white(whitener, np.column_stack([self.instruments, currents]))
+            held = held / _norms(held)
+        inverse = np.linalg.pinv(held.T @ rows, rcond=1e-12, hermitian=not self.is_turned)
+        value = inverse @ (held.T @ y)
         left = y - rows @ value
         free = max(1, len(y) - rows.shape[1])
-        model = inverse * float(left @ left) / free
-        blocks = np.array([part.sum(axis=0) for part in np.array_split(rows * left[:, None], policy.BLOCKS)])
-        robust = inverse @ (blocks.T @ blocks) @ inverse * policy.BLOCKS / (policy.BLOCKS - 1.0)
+        model = (inverse @ (held.T @ held) @ inverse.T if self.is_turned else inverse) * float(left @ left) / free
+        blocks = np.array([part.sum(axis=0) for part in np.array_split(held * left[:, None], policy.BLOCKS)])
+        robust = inverse @ (blocks.T @ blocks) @ inverse.T * policy.BLOCKS / (policy.BLOCKS - 1.0)
         share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(model), 1e-300), 1.0))
         covariance = model * np.outer(share, share) / np.outer(scale, scale)
         own = slice(self.base.shape[1], self.base.shape[1] + len(names))
@@ -233,10 +280,27 @@ class Rows:
         pairs: Pairs = {"before": (before.total, after.total), **{name: (None, one) for name, one in more.items()}}
         return self.solved(whitener, place, pairs)
 
+    def walk_of_integral(self, whitener: ChannelWhitener, place: Place) -> float:
+        """Return by how much the sum misses the integral per sample, if all that is left is due to that.
+
+        Returns
+        -------
+        float
+            Rms, in the unit of the controller's error.
+        """
+        value = self._value(whitener, self.totals(place))
+        rest, column = self.y - self.rows(place) @ value, self.integrals[-1]
+        here = slice(self.split + 1, None)
+        # the base is scaled, the record's own column is not
+        scale = np.linalg.norm(self.records[1].columns[:, self.records[1].integral])
+        scale = scale / max(float(np.linalg.norm(self.base[here, column])), 1e-300)
+        steps = np.diff(rest[here])[self.used[here][1:] & self.used[here][:-1]]
+        per_sample = abs(value[column]) / max(float(scale), 1e-300) * self.records[1].period
+        return float(np.std(steps) / max(per_sample, 1e-300))
+
     def added(self, whitener: ChannelWhitener, place: Place) -> tuple[Array, Array]:
         """Return the current of the second record beside its controller, and that of it which the compensator makes."""
-        rows = self.rows(place)
-        value = np.linalg.lstsq(self.white(whitener, rows), self.white(whitener, self.y), rcond=None)[0]
+        rows, value = self.rows(place), self._value(whitener, self.totals(place))
         here = slice(self.split + 1, None)
         k = self.base.shape[1]
         law = self.base[here] @ value[:k]

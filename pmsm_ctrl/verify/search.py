@@ -156,7 +156,7 @@ class _Left:
     """What is left at a place of the whitened current, block by block."""
 
     def __init__(self, rows: Rows, whitener: ChannelWhitener) -> None:
-        base, y = rows.white(whitener, rows.base), rows.white(whitener, rows.y)
+        base, y = rows.white(whitener, rows.instruments), rows.white(whitener, rows.target)
         self.rows, self.whitener, self.basis = rows, whitener, factored(base).basis
         self.y = y - self.basis @ (self.basis.T @ y)
         self.free = max(1, len(y) - base.shape[1])

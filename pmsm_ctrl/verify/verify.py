@@ -140,19 +140,24 @@ def _record(design: Design, log: Log, channel: str, placed: bool) -> Record:
     if placed:
         error = channels["theta_ref"] - channels["theta"]
         read = [error, reference - speed]
+        whole = np.cumsum(error) * period
     else:
         error = reference - speed
         read = [error]
+        # the sum of the speeds that the controller read is the angle turned, whatever the rate of the log
+        turned = channels.get("theta", np.cumsum(speed) * period)
+        whole = np.cumsum(reference) * period - turned
     acceleration = channels.get("alpha_ref", np.gradient(reference, log.t))
     # a current loop is late by tau di/dt, as much as a whole Coulomb friction where the acceleration steps
     lag = [] if channel == "i_q_ref" else [np.gradient(current, log.t)]
-    columns = np.column_stack([*read, np.cumsum(error) * period, reference, acceleration, *lag])
+    columns = np.column_stack([*read, whole, reference, acceleration, *lag])
     limit = design.drive.i_max
     used = np.abs(current) < policy.LIMIT * limit if math.isfinite(limit) else np.ones(len(current), dtype=bool)
     if not used.sum() > 100:
         raise LogError(f"the current is at its limit of {limit:g} A in the whole log; a slower motion is needed")
     fed = fed_currents(design, channels, read_speed(design, channels), period)
-    return Record(log.t, current, columns, fed, used, _unsigned(design, channels, period))
+    return Record(log.t, current, columns, len(read), fed, used, _unsigned(design, channels, period),
+                  measured=channel != "i_q_ref")  # fmt: skip
 
 
 def _unsigned(design: Design, channels: Mapping[str, Array], period: float) -> Unsigned | None:
@@ -227,6 +232,8 @@ def _judged(
     if verdict is Outcome.NOT_APPLIED:  # nothing has no sign
         law = replace(law, sign=None)
     notes += [*_of_sign(design, logs[1], law), *_of_law(law, expected, parts, weight)]
+    if not _quantile() * law.rounded < policy.VAGUE * expected:
+        notes.append(words.ROUNDED(rate=logs[1].rate))
     notes += _of_errors(errors, measured, wanted, judged=verdict in (Outcome.APPLIED, Outcome.LATE))
     notes += _of_samples(design, logs, channel)
     applied = abs(value) > max(half, policy.NOTHING * expected)

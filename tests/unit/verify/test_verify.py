@@ -156,6 +156,58 @@ def test_intervals_of_the_gain_hold(design: Design) -> None:
     assert held >= 0.9 * count
 
 
+@pytest.mark.parametrize(
+    ("name", "counts", "divider", "gain"),
+    [
+        ("servo_2kw", 65536, 16, 1.0), ("servo_2kw", 65536, 16, 0.5), ("servo_2kw", 65536, 16, 0.0),
+        slow("seed_motor", 8192, 32, 1.0), slow("seed_motor", 8192, 32, 0.5), ("seed_motor", 8192, 32, 0.0),
+    ],
+)  # fmt: skip
+def test_a_coarse_encoder_in_a_slow_log_takes_nothing_off_the_gain(
+    designs: Path, name: str, counts: int, divider: int, gain: float
+) -> None:
+    """The sum of rounded errors at 500 Hz is not the controller's: 0.48 +- 0.04 was found, and 35 % before it."""
+    off = Design.read(designs / f"{name}.toml").replace(
+        sensor={"encoder_counts": counts, "log_divider": divider}, compensation={"gain": 0.0, "source": "reference"}
+    )
+    drive = off.replace(compensation={"gain": gain})
+    logs = [simulate(one, "reversal", seed=seed) for one, seed in ((off, 5), (drive, 6))]
+    found = verify(off.replace(compensation={"gain": 1.0}), *logs)
+    assert found.verdict.value == {1.0: "applied", 0.5: "wrong_gain", 0.0: "not_applied"}[gain]
+    low, high = found.interval
+    assert low < gain < high < low + 0.05
+    assert abs(found.before_gain.value) < 0.01
+    assert "verify_acts_before" not in [notice.code for notice in found.notices]
+
+
+@pytest.mark.parametrize("channel", ["i_q_ref", "i_q"])
+def test_where_the_integral_is_not_known_no_factor_is_advised(designs: Path, channel: str) -> None:
+    """The measured current of such a log has errors of both kinds: 0.02 +- 0.01 was found of 1."""
+    off = Design.read(designs / "servo_2kw.toml").replace(
+        sensor={"encoder_counts": 8192, "log_divider": 16}, compensation={"gain": 0.0, "source": "reference"}
+    )
+    drive = off.replace(compensation={"gain": 1.0})
+    logs = [simulate(one, "reversal", seed=seed) for one, seed in ((off, 5), (drive, 6))]
+    found = verify(drive, *(one if channel == "i_q_ref" else without(one, "i_q_ref") for one in logs))
+    assert found.verdict.value == "inconclusive"
+    assert found.interval[0] < 1.0 < found.interval[1]
+    assert "verify_rounded_error" in [notice.code for notice in found.notices]
+    assert "rate of the speed loop" in found.advice
+    assert found.implausible == ()
+
+
+def test_the_integral_of_the_speed_is_the_angle_turned(designs: Path) -> None:
+    """Under speed control: rounded speeds of one cycle in eight were summed up, 0.07 +- 0.02 was found of 1."""
+    off = Design.read(designs / "servo_2kw.toml").replace(
+        sensor={"encoder_counts": 8192, "log_divider": 16}, compensation={"gain": 0.0, "source": "reference"}
+    )
+    drive = off.replace(compensation={"gain": 1.0})
+    logs = [simulate(one, "triangle", seed=seed) for one, seed in ((off, 5), (drive, 6))]
+    found = verify(drive, *logs)
+    assert found.verdict.value == "applied"
+    assert found.gain.value == pytest.approx(1.0, abs=0.01)
+
+
 def test_a_controller_with_other_gains_is_noticed(design: Design, motion: Scenario, before: Log) -> None:
     loops = design.require_loops()
     softer = loops.model_copy(update={"speed": loops.speed.model_copy(update={"K_p": 0.5 * loops.speed.K_p})})
