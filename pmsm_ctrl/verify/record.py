@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.verify import policy
 
-__all__ = ["Record", "Sign", "Unsigned", "averaged", "cropped", "delayed"]
+__all__ = ["Record", "Sign", "Unsigned", "averaged", "cropped", "delayed", "rounding_of"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -101,6 +101,8 @@ class Record:
         Its currents for another sign of the speed, sample by sample; None where the friction turns over a travel.
     mean : int
         Samples of the log whose mean is one sample here.
+    rounding : float
+        Rms of what a sample of the controller's error differs by from a smooth course, in its unit.
     measured : bool
         Whether the current is a measured one, with a noise of its own, and not the controller's output.
     """
@@ -113,6 +115,7 @@ class Record:
     used: Mask
     unsigned: Unsigned | None = None
     mean: int = 1
+    rounding: float = 0.0
     measured: bool = False
 
     @property
@@ -125,20 +128,26 @@ class Record:
         """Current of all parts of the compensator, A."""
         return np.asarray(np.sum(list(self.fed.values()), axis=0))
 
-    @property
-    def rounding(self) -> float:
-        """Rms of what a sample of the controller's error differs by from a smooth course, in its unit.
-
-        Third differences, whose variance is 20 times that of independent samples, are free of a smooth course.
-        """
-        error = np.diff(self.columns[:, self.integral]) / self.period
-        return float(np.std(np.diff(error, 3)) / np.sqrt(20.0))
-
     def signed(self, sign: Sign | None) -> Record:
         """Return the record of a drive with this sign of the speed; with that of the design for None."""
         if sign is None or self.unsigned is None:
             return self
         return replace(self, fed={name: _means(one, self.mean) for name, one in self.unsigned.fed(sign).items()})
+
+
+def rounding_of(integral: Array, period: float) -> float:
+    """Return the rms of what a sample of an integrand differs by from a smooth course.
+
+    Third differences, whose variance is 20 times that of independent samples, are free of a smooth course.
+
+    Parameters
+    ----------
+    integral : array, shape (n,)
+        Sum of the samples times the period.
+    period : float
+        s.
+    """
+    return float(np.std(np.diff(integral, 4)) / period / np.sqrt(20.0))
 
 
 def delayed(record: Record, values: Array, delay: float) -> Array:
@@ -157,7 +166,7 @@ def averaged(record: Record, width: int) -> Record:
         _means(record.t, width), _means(record.current, width), _means(record.columns, width),
         record.integral, {name: _means(values, width) for name, values in record.fed.items()},
         _means(record.used.astype(float), width) > 0.999, record.unsigned, width,
-        record.measured,
+        record.rounding / float(np.sqrt(width)), record.measured,
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from pmsm_ctrl.verify import policy
 from pmsm_ctrl.verify.advice import advice_of
 from pmsm_ctrl.verify.errors import Tracking, changes, promised, same_motion, tracking
 from pmsm_ctrl.verify.law import Law, fit_law
-from pmsm_ctrl.verify.record import Record, Unsigned, averaged, cropped
+from pmsm_ctrl.verify.record import Record, Unsigned, averaged, cropped, rounding_of
 from pmsm_ctrl.verify.result import Outcome, Verification
 
 __all__ = ["verify"]
@@ -157,7 +157,7 @@ def _record(design: Design, log: Log, channel: str, placed: bool) -> Record:
         raise LogError(f"the current is at its limit of {limit:g} A in the whole log; a slower motion is needed")
     fed = fed_currents(design, channels, read_speed(design, channels), period)
     return Record(log.t, current, columns, len(read), fed, used, _unsigned(design, channels, period),
-                  measured=channel != "i_q_ref")  # fmt: skip
+                  rounding=rounding_of(whole, period), measured=channel != "i_q_ref")  # fmt: skip
 
 
 def _unsigned(design: Design, channels: Mapping[str, Array], period: float) -> Unsigned | None:
