@@ -22,6 +22,7 @@ from pmsm_ctrl.effects.structures.transmission import (
     after_hard_start,
     beyond_noise,
     mean_acceleration,
+    swings_damped,
 )
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ class Spring(Transmission):
         if RUBBING in shape:
             return [{"torque": after_hard_start(balances, rubbing_column(balances, shape), shape)}]
         alpha, period = balances.signals["alpha"], balances.period
-        w, zeta = shape[FREQUENCY], shape[DAMPING]
+        w, zeta = shape[FREQUENCY], swings_damped(shape)
         count = len(alpha)
         length = next_fast_len(count + min(count, int(SWUNG_OUT / (zeta * w * period))), real=True)
         s = 2j * np.pi / w * rfftfreq(length, period)
@@ -156,7 +157,7 @@ class Spring(Transmission):
     def straight_over(self, effect: Effect, shape: Mapping[str, float], name: str) -> float:
         """Step of a shape's logarithm over which the prediction is straight: at a resonance, part of its width."""
         plain = super().straight_over(effect, shape, name)
-        return min(plain, PART_OF_WIDTH * shape[DAMPING]) if name == FREQUENCY else plain
+        return min(plain, PART_OF_WIDTH * swings_damped(shape)) if name == FREQUENCY else plain
 
     def at_bound(self, effect: Effect, shape: Mapping[str, float]) -> bool:
         """Whether a spring is damped so much that it is none, or a parameter ran into its bound."""
@@ -178,7 +179,7 @@ def _apart(shape: Mapping[str, float], cutoff: float) -> float:
     Below, it does what the shaft does and more, which raises the error that noise makes. In quadrature it does neither.
     """
     x = 2.0 * np.pi / shape[FREQUENCY] * np.linspace(0.0, cutoff, 4001)[1:]
-    behind = x**2 * (1.0 - x**2) / ((1.0 - x**2) ** 2 + (2.0 * shape[DAMPING] * x) ** 2)
+    behind = x**2 * (1.0 - x**2) / ((1.0 - x**2) ** 2 + (2.0 * swings_damped(shape) * x) ** 2)
     return float(np.sqrt(np.mean(np.minimum(behind, 0.0) ** 2)))
 
 
@@ -187,7 +188,7 @@ def _passed(shape: Mapping[str, float], cutoff: float) -> float:
     f = np.linspace(0.0, cutoff, 4001)[1:]
     flat = np.zeros((5, len(f)))
     flat[4] = 1.0 / len(f)
-    return float(np.sqrt(_sums(f, flat, np.array([[shape[FREQUENCY], shape[DAMPING]]]))[0, 2]))
+    return float(np.sqrt(_sums(f, flat, np.array([[shape[FREQUENCY], swings_damped(shape)]]))[0, 2]))
 
 
 def _sums(f: Array, products: Array, springs: Array) -> Array:

@@ -34,6 +34,7 @@ __all__ = [
     "after_hard_start",
     "beyond_noise",
     "mean_acceleration",
+    "swings_damped",
 ]
 
 Array = NDArray[np.float64]
@@ -289,6 +290,17 @@ def mean_acceleration(balances: Balances) -> float:
     return float(np.sqrt(np.mean(balances.acceleration()[balances.mask] ** 2)))
 
 
+def swings_damped(shape: Mapping[str, float]) -> float:
+    """Return the damping by which the swings of a load end; one without any would swing for longer than any log.
+
+    Parameters
+    ----------
+    shape : mapping
+        With the load's damping.
+    """
+    return max(shape[DAMPING], LEAST_DAMPED)
+
+
 def after_hard_start(balances: Balances, column: Array, shape: Mapping[str, float], beside: float = 0.0) -> Array:
     """Return the acceleration of a load less that of the rotor, 0 while it swings from a hard start of the log.
 
@@ -316,7 +328,7 @@ def after_hard_start(balances: Balances, column: Array, shape: Mapping[str, floa
         balances.kept[key] = not float(first.max()) < HARD * float(np.sqrt(np.mean(alpha**2)))
     if not balances.kept[key]:
         return column
-    swings = min(SETTLED / (shape[DAMPING] * shape[FREQUENCY]) + beside, AT_MOST * len(column) * period)
+    swings = min(SETTLED / (swings_damped(shape) * shape[FREQUENCY]) + beside, AT_MOST * len(column) * period)
     out = column.copy()
     out[: round(swings / period)] = 0.0
     return out
