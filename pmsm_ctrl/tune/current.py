@@ -21,7 +21,7 @@ from pmsm_ctrl.tune.requirements import Specification
 from pmsm_ctrl.tune.sampled import current_loop
 
 __all__ = [
-    "check_bandwidth", "highest_bandwidth", "modulus_optimum", "phase_limit",
+    "check_bandwidth", "highest_bandwidth", "lags_too_much", "modulus_optimum", "phase_limit",
     "pi_for_margin", "pole_cancellation", "tune_current",
 ]  # fmt: skip
 
@@ -45,9 +45,7 @@ def pi_for_margin(plant: Any, crossover: float, phase_margin: float) -> tuple[fl
     """
     T = plant.dt
     w = 2.0 * math.pi * crossover
-    P = complex(response(plant, np.array([w]))[0])
-    lag = (math.pi + float(np.angle(P)) - math.radians(phase_margin)) % (2.0 * math.pi)
-    lag = lag - 2.0 * math.pi if lag > math.pi else lag
+    P, lag = _lag_to_spare(plant, crossover, phase_margin)
     if not 0.0 < lag < 0.5 * math.pi:
         return math.nan, math.nan
     # On the unit circle 1/(z-1) = -1/2 - j/2 cot(wT/2), so tan(lag) = (b/2) cot / (1 - b/2) for b = T/T_n.
@@ -55,6 +53,18 @@ def pi_for_margin(plant: Any, crossover: float, phase_margin: float) -> tuple[fl
     b = 2.0 * tangent / (cotangent + tangent)
     z = np.exp(1j * w * T)
     return float(1.0 / abs(P * (1.0 + b / (z - 1.0)))), T / b
+
+
+def _lag_to_spare(plant: Any, crossover: float, phase_margin: float) -> tuple[complex, float]:
+    """Return the plant's response at a frequency (Hz) and the lag (rad) that a margin (deg) leaves to a PI there."""
+    P = complex(response(plant, np.array([2.0 * math.pi * crossover]))[0])
+    lag = (math.pi + float(np.angle(P)) - math.radians(phase_margin)) % (2.0 * math.pi)
+    return P, lag - 2.0 * math.pi if lag > math.pi else lag
+
+
+def lags_too_much(plant: Any, crossover: float, phase_margin: float) -> bool:
+    """Whether the plant alone has less than a phase margin (deg) at a frequency (Hz)."""
+    return _lag_to_spare(plant, crossover, phase_margin)[1] <= 0.0
 
 
 def phase_limit(plant: Any, phase_margin: float, least_lag: float = LEAST_LAG) -> float:

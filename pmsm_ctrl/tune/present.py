@@ -119,6 +119,9 @@ def _method(result: Tuning, loop: str) -> str:
     bandwidth, slowed = getattr(asked, f"{loop}_bandwidth"), result.slowed.get(loop, 1.0)
     if bandwidth is not None:
         words += f", {bandwidth:g} Hz specified"
+        spring = loop == "speed" and asked.speed == "bandwidth" and result.resonance is not None
+        if spring and not math.isclose(result.margins["speed"].crossover, bandwidth, rel_tol=0.01):
+            words += " of the rigid axis"
     return words if slowed == 1.0 else f"{words}, slowed down {slowed:.3g} times {_why_slowed(result, loop, slowed)}"
 
 

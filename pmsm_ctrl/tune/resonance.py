@@ -5,6 +5,7 @@ G. Ellis, R. D. Lorenz, Resonant load control methods for industrial servo drive
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -127,7 +128,10 @@ def resonance(cascade: Cascade, make: Family, requirements: Requirements) -> Res
     if found is None:
         return None
     judge, gains = _Judge(cascade, make, requirements), make(1.0, ())
-    options = [judge.option(item) for item in _candidates(cascade, found[1])]
+    options = []
+    for item in _candidates(cascade, found[1]):
+        with contextlib.suppress(RequestError):  # behind this filter no gains are as fast as asked
+            options.append(judge.option(item))
     # The fastest over the tolerances first, then the closest to the requirements.
     options.sort(key=lambda o: (-o.crossover, requirements.shortfall(o.worst)))
     return Resonance(*found, gains, margins(open_loop(cascade, gains)), tuple(options), judge.option(None))

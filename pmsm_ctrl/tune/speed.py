@@ -16,7 +16,7 @@ import numpy as np
 
 from pmsm_ctrl.design import Filter, SpeedLoop
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.tune.current import check_bandwidth, phase_limit, pi_for_margin
+from pmsm_ctrl.tune.current import check_bandwidth, lags_too_much, phase_limit, pi_for_margin
 from pmsm_ctrl.tune.delays import Delays, delays
 from pmsm_ctrl.tune.margins import margins
 from pmsm_ctrl.tune.requirements import Specification
@@ -136,6 +136,11 @@ def _by_crossover(plant: Any, budget: Delays, wanted: Specification, limit: floa
     asked = check_bandwidth("speed loop", wanted.speed_bandwidth, limit, phase_margin, budget.explain_speed())
     K_p, T_n = pi_for_margin(plant, asked, phase_margin)
     if math.isnan(K_p):
+        if lags_too_much(plant, asked, phase_margin):
+            raise RequestError(
+                f"speed loop: at {asked:g} Hz the plant lags too much for {phase_margin:g} deg of phase margin, though "
+                f"it has them at other frequencies up to {limit:.4g} Hz; ask for a lower bandwidth or margin"
+            )
         raise RequestError(
             f"speed loop: at {asked:g} Hz the plant lags so little that a PI cannot make the phase margin as "
             f"small as {phase_margin:g} deg; ask for a higher bandwidth (up to {limit:.4g} Hz) or margin"

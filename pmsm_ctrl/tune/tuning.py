@@ -43,6 +43,7 @@ FREE = "current, shaft free"  # the current loop as it is measured: the EMF move
 POINTS = (0.01, 0.1, 1.0, 5.0)  # speeds judged, as shares of that of the operating point
 # By how much slower it is, the current controllers, the filters behind it.
 Family = Callable[[float, CurrentLoop, tuple[Filter, ...]], SpeedLoop]
+SAME = 1e-3  # share by which a crossover on the grid of frequencies differs from the one that gains were made for
 LOAD = 0.3  # load judged, as a share of the drive's largest torque
 
 
@@ -137,8 +138,9 @@ def _by_margins(
         full = speed_methods.open_loop(cascade, slower(1.0, asked, ()))
         return *gains((), 1.0 if margins(full).stable and not wanted.robust else None), None
     plain, refused = None, None
+    exact = _crossing_as_asked(cascade, wanted)
     try:
-        plain = gains((), None)
+        plain = gains((), None) if exact is None else (asked, exact, 1.0)
     except RequestError as error:
         refused = error
     unfiltered = 0.0 if plain is None else crossover(*plain[:2])
@@ -153,6 +155,22 @@ def _by_margins(
         assert refused is not None
         raise refused
     return *plain, judged
+
+
+def _crossing_as_asked(cascade: Cascade, wanted: Specification) -> SpeedLoop | None:
+    """Return gains that cross where asked on the axis itself, with its spring, and meet the requirements; else None.
+
+    Where there are none the gains are those of the rigid axis, slowed down until they meet the requirements. The
+    bandwidths that a spring allows need not be an interval.
+    """
+    if wanted.speed != "bandwidth" or wanted.robust or wanted.speed_bandwidth is None:
+        return None
+    with contextlib.suppress(RequestError):
+        found = speed_methods.tune_speed(cascade, wanted)
+        judged = margins(speed_methods.open_loop(cascade, found))
+        first = math.isclose(judged.crossover, wanted.speed_bandwidth, rel_tol=SAME)
+        return found if first and not wanted.requirements.missed(judged) else None
+    return None
 
 
 def _limited(full: CurrentLoop, asked: CurrentLoop, by_margins: bool, slowed: float) -> dict[str, float]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import control as ct
 import numpy as np
 import pytest
 
-from pmsm_ctrl.design import Design, SpeedLoop
+from pmsm_ctrl.design import Design, Filter, SpeedLoop
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.tune import current, position, speed
+from pmsm_ctrl.section import Table
+from pmsm_ctrl.tune import Tuning, current, position, speed, tune
 from pmsm_ctrl.tune.delays import delays
 from pmsm_ctrl.tune.margins import margins, response
 from pmsm_ctrl.tune.requirements import Requirements, Specification
@@ -155,6 +157,34 @@ def test_a_speed_bandwidth_above_the_delays_says_what_is_possible_and_why(seed_m
     assert f"60 deg of phase margin is {limit:.4g} Hz" in text
     assert "speed filter 0.385 ms" in text
     assert "\n" not in text
+
+
+def cells(found: Tuning) -> list[str]:
+    tables = [block for block in found.section().blocks if isinstance(block, Table)]
+    return [str(cell) for table in tables for row in table.rows for cell in row]
+
+
+@pytest.mark.parametrize(("asked", "crossed"), [(40.0, True), (80.0, False)])
+def test_a_bandwidth_of_a_two_mass_axis_is_that_of_the_axis_where_it_can_be(designs, asked, crossed):
+    """A filter that was only tried, and is too slow for 40 Hz, refused them with its own small time constants."""
+    design = Design.read(designs / "geared_resonant.toml")
+    found = tune(design, replace(by_bandwidth("speed", asked), filters=False), prove=False)
+    loop = found.margins["speed"]
+    assert not found.requirements.missed(loop)
+    if crossed:
+        assert loop.crossover == pytest.approx(asked, rel=1e-3)
+        assert found.design.loops.speed.K_p == pytest.approx(0.1526, rel=1e-2)
+    else:
+        assert any("of the rigid axis" in cell for cell in cells(found))
+
+
+def test_a_bandwidth_between_those_that_are_possible_is_no_lack_of_lag(designs):
+    """A spring lets the phase margin return above its resonance: 'lags so little' was said of a lag too large."""
+    design = Design.read(designs / "geared_resonant.toml")
+    cascade = Cascade.of(design, current.tune_current(design), at=10.0)
+    behind = (Filter(kind="notch", frequency=256.0, width=512.0, depth=30.0),)
+    with pytest.raises(RequestError, match="lags too much for 60 deg"):
+        speed.tune_speed(cascade, by_bandwidth("speed", 150.0), behind)
 
 
 @pytest.mark.parametrize(
