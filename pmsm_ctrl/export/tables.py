@@ -7,14 +7,14 @@ the angle has the same sign in both directions.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import bound_effects
+from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.export.backlash import backlash_files
 from pmsm_ctrl.export.blocks import identifier
@@ -112,7 +112,9 @@ def cogging_table(design: Design) -> list[tuple[float, float, float]]:
 
 
 def angle_table(design: Design, points: int = ANGLES) -> Array:
-    """Return the torque of every effect that depends on the angle, over one turn.
+    """Return the torque of every effect that depends on the angle and repeats with the turn, over one turn.
+
+    A wave behind a gear, which does not, would jump at the end of every turn.
 
     Parameters
     ----------
@@ -127,8 +129,34 @@ def angle_table(design: Design, points: int = ANGLES) -> Array:
         the direction.
     """
     theta = np.linspace(0.0, 2.0 * np.pi, points, endpoint=False)
-    sides = (_sum(design, {"theta": theta, "direction": np.full(points, sign)}, "theta") for sign in (1.0, -1.0))
+    slower = set(_not_of_a_turn(design, points))
+    sides = (_sum(design, _way(theta, sign), "theta", slower) for sign in (1.0, -1.0))
     return np.column_stack([theta, *sides])
+
+
+def _way(theta: Array, sign: float) -> dict[str, Array]:
+    return {"theta": theta, "direction": np.full(len(theta), sign)}
+
+
+def _not_of_a_turn(design: Design, points: int = ANGLES) -> list[str]:
+    """Return the effects of the angle that do not repeat with the motor's turn.
+
+    What repeats closes: the step over the end of the turn is no larger than those within it.
+    """
+    theta = np.linspace(0.0, 2.0 * np.pi, points + 1)
+    found = []
+    for effect, values in bound_effects(design):
+        if "theta" in effect.signals and effect.active(values) and _tabled(effect, {"theta", "direction", "p"}):
+            known: dict[str, Any] = {**_way(theta, 1.0), "p": float(design.motor.p or 0)}
+            torque = column(effect, known, values)
+            if abs(torque[-1] - torque[0]) > np.abs(np.diff(torque)).max():
+                found.append(effect.label(values))
+    return found
+
+
+def _tabled(effect: Effect, known: Iterable[str]) -> bool:
+    """Whether these signals alone determine the torque of an effect."""
+    return effect.enters == "torque" and not effect.has_state and set(effect.signals) <= set(known)
 
 
 def table_files(design: Design, logs: Sequence[Log] = ()) -> dict[str, str]:
@@ -160,6 +188,7 @@ def table_files(design: Design, logs: Sequence[Log] = ()) -> dict[str, str]:
         errors = errors_on_log(design, logs, joint.level, joint.slope) if logs else None
         files |= simulator_files(design, joint, errors)
     rows, angles = cogging_table(design), angle_table(design)
+    slower = _not_of_a_turn(design) if rotary else []
     if rows:
         lines = [f"order,amplitude [{axis_unit('N m', design.motion)}],phase [rad],phase [deg]"]
         lines += [f"{k:.12g},{a:.12g},{phase:.12g},{_degrees(phase):.12g}" for k, a, phase in rows]
@@ -170,7 +199,7 @@ def table_files(design: Design, logs: Sequence[Log] = ()) -> dict[str, str]:
             "sine or cosine of a drive may differ: turn the phase to its convention"
         )
         files[f"{axis}_cogging.csv"] = "\n".join([*lines, ""])
-    if rotary and rows:  # the drive counts harmonics of a turn
+    if rotary and any(_whole(order) for order, _, _ in rows):  # the drive counts harmonics of a turn
         files[f"{axis}_cogging_ax8000.csv"] = _ax8000(rows)
     if rotary and np.any(angles[:, 1:]):
         lines = ["index,angle [rad],torque forwards [N m],torque backwards [N m]"]
@@ -179,9 +208,11 @@ def table_files(design: Design, logs: Sequence[Log] = ()) -> dict[str, str]:
             "# For SINAMICS p5260 one table per direction. Not confirmed with a manual: the parameter of the second "
             "table; the angle and the sign from which the drive counts"
         )
+        if slower:
+            lines.append(f"# Not held: {', '.join(slower)}, which does not repeat with the motor's turn")
         files[f"{axis}_torque_over_angle.csv"] = "\n".join([*lines, ""])
     if files:
-        files[f"{axis}_tables.toml"] = _toml(design, table, error, rows)
+        files[f"{axis}_tables.toml"] = _toml(design, table, error, rows, slower)
     return files
 
 
@@ -205,7 +236,8 @@ def _ax8000(rows: list[tuple[float, float, float]]) -> str:
     """Values of object 32CB of Beckhoff's AX8000: for each of ten harmonics its order, phase in degrees, amplitude."""
     # which angle phi counts from, its sign, and sine or cosine the manual leaves open (docs/export.md)
     lines = ["object,what,value,unit"]
-    for k, (order, amplitude, phase) in enumerate(sorted(rows, key=lambda row: -row[1])[:HARMONICS]):
+    held = [row for row in rows if _whole(row[0])]
+    for k, (order, amplitude, phase) in enumerate(sorted(held, key=lambda row: -row[1])[:HARMONICS]):
         first = 0x07 + 3 * k
         lines += [
             f"32CB:{first:02X},Coef {k} n,{round(order)},",
@@ -216,10 +248,18 @@ def _ax8000(rows: list[tuple[float, float, float]]) -> str:
         "# Written as r sin(n theta + phi) of the torque to be added to the drive's own. Not confirmed with a manual: "
         "the sign; the angle from which phi counts; sine or cosine: compare one harmonic on the axis before you use ten"
     )
+    if len(held) < len(rows):
+        orders = ", ".join(f"{order:g}" for order, _, _ in rows if not _whole(order))
+        lines.append(f"# Not held: order {orders}, which does not repeat with the motor's turn")
     return "\n".join([*lines, ""])
 
 
-def _toml(design: Design, table: Array, error: float, rows: list[tuple[float, float, float]]) -> str:
+def _whole(order: float) -> bool:
+    """Whether a wave closes over a turn: by no more than a step of a table is it off."""
+    return round(order) >= 1 and abs(order - round(order)) <= order / ANGLES
+
+
+def _toml(design: Design, table: Array, error: float, rows: list[tuple[float, float, float]], slower: list[str]) -> str:
     import tomli_w
 
     friction = {
@@ -229,22 +269,22 @@ def _toml(design: Design, table: Array, error: float, rows: list[tuple[float, fl
     }  # fmt: skip
     cogging = [{"order": k, "amplitude": a, "phase": phase} for k, a, phase in rows]
     return tomli_w.dumps({"axis": design.name, "torque_constant": design.K_t_assumed, "friction": friction}
-                         | ({"cogging": cogging} if cogging else {}))  # fmt: skip
+                         | ({"cogging": cogging} if cogging else {})
+                         | ({"not_held_over_a_turn": slower} if slower else {}))  # fmt: skip
 
 
 # -- helpers ----------------------------------------------------------------------------------------------------------
 
 
-def _sum(design: Design, signals: dict[str, Array], reads: str) -> Array:
+def _sum(design: Design, signals: dict[str, Array], reads: str, left_out: Collection[str] = ()) -> Array:
     """Return the torque of the effects that these signals alone determine; position effects read the angle."""
     known: dict[str, Any] = {**signals, "p": float(design.motor.p or 0)}
     total = np.zeros_like(signals["direction"])
     for effect, values in bound_effects(design):
-        own = set(effect.signals)
-        if effect.enters != "torque" or effect.has_state or not own <= set(known):
+        if not _tabled(effect, known) or effect.label(values) in left_out:
             continue
         # an effect of neither angle nor speed (F_c, a constant load) belongs to the table over speed
-        if reads == "omega" or "theta" in own:
+        if reads == "omega" or "theta" in effect.signals:
             total += column(effect, known, values)
     return total
 

@@ -392,6 +392,18 @@ def test_torque_over_the_angle_differs_by_direction(design: Design) -> None:
     assert "seed_motor_torque_over_angle.csv" in export_files(design, "c")
 
 
+def test_a_table_over_a_turn_holds_what_repeats_with_the_turn(design: Design) -> None:
+    """Gravity behind a gear of 10 has ten turns for its own: the table jumped by 0.157 N m at the end of each."""
+    load = {"a_s": 0.3, "a_c": 0.1, "period": 20.0 * np.pi}
+    geared = design.with_effect("load_gravity", load)
+    assert np.array_equal(angle_table(geared), angle_table(design))
+    files = export_files(geared, "c")
+    last = files["seed_motor_torque_over_angle.csv"].splitlines()[-1]
+    assert last.startswith("# Not held: load_gravity")
+    assert "not_held_over_a_turn" in files["seed_motor_tables.toml"]
+    assert "Not held" not in export_files(design, "c")["seed_motor_torque_over_angle.csv"]
+
+
 def test_bad_requests_are_told(design: Design) -> None:
     with pytest.raises(RequestError, match="accepted: c, st"):
         export(design, "fortran")
