@@ -403,7 +403,10 @@ def effects(
         return
     if output is not None and design is None:
         raise RequestError("--output: the signature is simulated, which needs --design")
-    entry = describe_effect(lookup(identifier, known), design_if_given(design, own))
+    axis = design_if_given(design, own)
+    if axis is not None and output is not None:
+        axis.require_loops()  # the signature is simulated
+    entry = describe_effect(lookup(identifier, known), axis)
     finish("effects", entry, json_file=json_file, report=report, whole=True)
     if output is not None:
         save_figure(entry.plot(), output)

@@ -241,8 +241,10 @@ def _after_study(given: Mapping[str, Any]) -> tuple[Any, ...]:
         return ("import", "LOG", "--design", design)
     beside = completed_beside(given["output"]) if given.get("output") else None
     if beside is not None and beside.exists():
-        follows = ("compensate", beside), ("track", *logs, "--design", beside, *_mapped(given))
-        return follows[_simulated(beside) is False]
+        if _simulated(beside) is False:
+            return ("track", *logs, "--design", beside, *_mapped(given))
+        # a complete study has compensated and exported
+        return ("verify", "BEFORE", "AFTER", "--design", beside) if given.get("complete") else ("compensate", beside)
     return ("diagnose", *logs, "--design", design, *_mapped(given), *_holdout(given), "--output", _new())
 
 

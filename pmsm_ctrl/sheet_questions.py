@@ -116,7 +116,8 @@ QUESTIONS: tuple[Question, ...] = (
     Question("friction", "friction torque, if the sheet has one", "coulomb", {
         "N m": ("F_c", 1.0), "mN m": ("F_c", 1e-3)}, "0 N m"),
     Question("viscous", "viscous damping, if the sheet has one", "viscous", {
-        "N m s/rad": ("F_v", 1.0), "N m/krpm": ("F_v", 1.0 / KRPM)}, "0 N m s/rad"),
+        "N m s/rad": ("F_v", 1.0), "N m/(rad/s)": ("F_v", 1.0), "N m/krpm": ("F_v", 1.0 / KRPM),
+        "mN m s/rad": ("F_v", 1e-3), "mN m/(rad/s)": ("F_v", 1e-3), "mN m/krpm": ("F_v", 1e-3 / KRPM)}, "0 N m s/rad"),
 )  # fmt: skip
 
 
@@ -147,6 +148,7 @@ _LINEAR = (
     Question("encoder", "scale, its step or its counts", "sensor", {
         "um": ("step", 1e-6), "nm": ("step", 1e-9), "counts/mm": ("encoder_counts", 1e3)}, "1 um"),
     Question("friction", "friction force, if the sheet has one", "coulomb", {"N": ("F_c", 1.0)}, "0 N"),
-    Question("viscous", "viscous damping, if the sheet has one", "viscous", {"N s/m": ("F_v", 1.0)}, "0 N s/m"),
+    Question("viscous", "viscous damping, if the sheet has one", "viscous", {
+        "N s/m": ("F_v", 1.0), "N/(m/s)": ("F_v", 1.0)}, "0 N s/m"),
 )  # fmt: skip
 MACHINES: dict[str, tuple[Question, ...]] = {"motor": QUESTIONS, "plain": _PLAIN, "linear": _LINEAR}

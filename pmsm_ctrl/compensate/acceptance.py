@@ -12,7 +12,7 @@ from pmsm_ctrl.errors import DesignError, RequestError, nearest
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["METRICS", "Verdict", "accept"]
+__all__ = ["METRICS", "Verdict", "accept", "require_known"]
 
 # Metrics by name with their units for a shaft; NAME_change is the change against no compensation, -0.8 being -80 %.
 METRICS = UNITS | {f"{name}_change": "1" for name in CHANGE}
@@ -50,6 +50,25 @@ class Verdict:
         return self.value <= self.wanted.limit
 
 
+def require_known(design: Design, wanted: Acceptance) -> None:
+    """Refuse a line of the acceptance whose metric or scenario does not exist, before anything runs.
+
+    Parameters
+    ----------
+    design : Design
+    wanted : Acceptance
+
+    Raises
+    ------
+    RequestError
+    """
+    if wanted.metric not in METRICS:
+        raise RequestError(
+            f"unknown metric '{wanted.metric}'{nearest(wanted.metric, METRICS)} (known: {', '.join(METRICS)})"
+        )
+    named_trial(design, wanted.scenario)
+
+
 def accept(design: Design, wanted: Acceptance, *, seed: int = 0) -> Verdict:
     """Run one line of a design's acceptance.
 
@@ -74,10 +93,7 @@ def accept(design: Design, wanted: Acceptance, *, seed: int = 0) -> Verdict:
     DesignError
         When the design cannot be simulated, or a change is asked of a design without compensation.
     """
-    if wanted.metric not in METRICS:
-        raise RequestError(
-            f"unknown metric '{wanted.metric}'{nearest(wanted.metric, METRICS)} (known: {', '.join(METRICS)})"
-        )
+    require_known(design, wanted)
     trial = named_trial(design, wanted.scenario)
     chosen = design.compensation
     if wanted.metric.endswith("_change") and chosen.share == 0.0:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from pmsm_ctrl.compensate.acceptance import accept
+from pmsm_ctrl.compensate.acceptance import accept, require_known
 from pmsm_ctrl.compensate.doubt import Doubt, doubt_of
 from pmsm_ctrl.compensate.examples import examples_of
 from pmsm_ctrl.compensate.metrics import Metrics
@@ -103,6 +103,8 @@ def compensate(
     Plant.of(design)  # a plain axis is refused here: to write its loops would not help
     if design.effects:
         require_present(design)
+    for wanted in design.acceptance:
+        require_known(design, wanted)
     base, advance = baseline(design), progress or (lambda share: None)
     runs = _Runs(truth if truth is not None else design, study_trials(design), seed)
     full = Feedforward.of(compensated(base, [entry.id for entry in design.effects])) if design.effects else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from pmsm_ctrl.design import Design
@@ -94,10 +94,12 @@ class Block:
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", plain(self.title))
         motion = "linear" if self.linear else "rotary"
-        object.__setattr__(self, "notes", {k: plain(axis_words(text, motion)) for k, text in self.notes.items()})
+        object.__setattr__(self, "notes", {k: plain(_along(text, motion)) for k, text in self.notes.items()})
         if self.linear:
+            for comment in _comments((*self.program.statements, *self.start)):
+                comment.value = _along(str(comment.value), motion)
             for part in ("inputs", "outputs", "constants", "gains"):
-                values = tuple(replace(v, meaning=axis_words(v.meaning, "linear")) for v in getattr(self, part))
+                values = tuple(replace(v, meaning=_along(v.meaning, motion)) for v in getattr(self, part))
                 object.__setattr__(self, part, values)
 
     @property
@@ -120,6 +122,20 @@ class Block:
         """Scalars of the program that hold nothing from call to call, with their kinds, in alphabetical order."""
         known = {value.name for value in (*self.inputs, *self.outputs)} | set(self.arrays)
         return {text: kind for text, kind in sorted(self.program.variables.items()) if text not in known}
+
+
+def _along(text: str, motion: str) -> str:
+    """Return a text with the units and words of this kind of axis: a linear one has a position in place of an angle."""
+    if motion != "linear":
+        return text
+    return axis_words(text, motion).replace("angle turned", "travel").replace("angle", "position")
+
+
+def _comments(statements: Iterable[ast.stmt]) -> Iterator[ast.Constant]:
+    """Yield the comments among statements and in them."""
+    for node in (inner for one in statements for inner in ast.walk(one)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            yield node.value
 
 
 LONGEST_AXIS = 12  # characters: with the longest of what is added, _compensation_update, 32 in all

@@ -300,7 +300,10 @@ def _judged(design: Design, axis: Axis, estimates: dict[str, Estimate]) -> list[
 
     if differs("J"):
         share = estimates["J"].value / design.J - 1.0
-        found.append(words.INERTIA(found=text("J"), design=design.J, share=share))
+        found.append(words.INERTIA(
+            quantity="moving mass" if design.motion == "linear" else "inertia", found=text("J"),
+            unit=axis_unit(UNITS["J"], design.motion), design=design.J, share=share,
+        ))  # fmt: skip
     own = resonance_frequencies(design)
     if own is None and axis.mass is not None:
         found.append(words.NEW_RESONANCE(antiresonance=text("antiresonance"), resonance=text("resonance")))

@@ -55,7 +55,7 @@ MISFIT = Template(
 )
 INERTIA = Template(
     "frf_inertia_deviates",
-    "the inertia is {found} kg m^2; the design states {design:.4g} kg m^2 ({share:+.1%})",
+    "the {quantity} is {found} {unit}; the design states {design:.4g} {unit} ({share:+.1%})",
 )
 NEW_RESONANCE = Template(
     "frf_resonance_not_in_design",

@@ -31,6 +31,11 @@ METHODS = {
 }
 
 
+def _lost(result: Identification) -> str:
+    """Return which parameters got no number; why stands below."""
+    return f" (not {', '.join(result.unidentifiable)})" if result.unidentifiable and result.estimates else ""
+
+
 @present.register
 def _(result: Identification) -> Section:
     quantity = drives(result.design.motion)
@@ -38,8 +43,8 @@ def _(result: Identification) -> Section:
     simulated = any(note.code == OPEN_LOOP.code for note in result.remarks)
     method = "Simulation of the axis, driven by the logged torque" if simulated else METHODS[result.method]
     verdict = (
-        f"{method}: {len(result.estimates)} of {asked} parameters identified; {error_name(result, quantity)} "
-        f"{percent(result.relative_error)}."
+        f"{method}: {len(result.estimates)} of {asked} parameters identified{_lost(result)}; "
+        f"{error_name(result, quantity)} {percent(result.relative_error)}."
     )
     if result.contradictions:
         verdict = f"Implausible, log and design do not belong together: {result.contradictions[0].text}. {verdict}"
@@ -60,9 +65,11 @@ def _(result: Identification) -> Section:
     lacking = any(note.code == EFFECTIVE_VALUES.code for note in result.notices)
     if (sampled := sampling_text(result.timing, quantity, result.sampling.stderr, lacking)) is not None:
         blocks.append(sampled)
+    lost: tuple[Block, ...] = ()
     if result.unidentifiable:
-        lost = tuple((name, why.text, why.code) for name, why in result.unidentifiable.items())
-        blocks.append(Table(("parameter", "not identifiable, because", "code"), lost))
+        reasons = tuple((name, why.text, why.code) for name, why in result.unidentifiable.items())
+        lost = (Table(("parameter", "not identifiable, because", "code"), reasons),)
+        blocks += lost
     if len(result.over_cutoff) > 1:
         over = tuple((number(hz, 3), with_error(e.value, e.stderr), e.unit) for hz, e in result.over_cutoff.items())
         blocks.append(Table(("cutoff [Hz]", "J", "unit"), over, "Inertia over the cutoff", folded=True))
@@ -72,6 +79,7 @@ def _(result: Identification) -> Section:
     return Section(
         f"Identification of {result.design.name} from {Path(result.log_name).name}",
         (*blocks, Picture(lambda: _drawn("residual_figure", result), caption), _fit_sentence(result, quantity)),
+        essential=lost,
     )
 
 

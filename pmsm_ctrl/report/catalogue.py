@@ -12,6 +12,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import atomic_path
 from pmsm_ctrl.report.result import CatalogueEntry
 from pmsm_ctrl.simulate import scenario, simulate
+from pmsm_ctrl.units import axis_unit, drives
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,7 +56,7 @@ def describe_effect(effect: Effect, design: Design | None = None) -> CatalogueEn
     ----------
     effect : Effect
     design : Design, optional
-        Simulated with and without the effect, which shows its signature.
+        Simulated with and without the effect, which shows its signature; one without loops gives the units alone.
 
     Returns
     -------
@@ -63,6 +64,8 @@ def describe_effect(effect: Effect, design: Design | None = None) -> CatalogueEn
     """
     if design is None:
         return CatalogueEntry(effect)
+    if design.loops is None:
+        return CatalogueEntry(effect, motion=design.motion, unlooped=True)
     ideal = design.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
     base = ideal.without_effect(effect.id)
     motion = scenario("identification", base)
@@ -71,5 +74,6 @@ def describe_effect(effect: Effect, design: Design | None = None) -> CatalogueEn
     if effect.enters == "voltage":
         channel, unit, added = "voltage u_q", "V", present["u_q"] - without["u_q"]
     else:
-        channel, unit, added = "torque", "N m", design.K_t * (present["i_q"] - without["i_q"])
-    return CatalogueEntry(effect, present["omega"], present["theta"], added, channel, unit)
+        channel, unit = drives(design.motion), axis_unit("N m", design.motion)
+        added = design.K_t * (present["i_q"] - without["i_q"])
+    return CatalogueEntry(effect, present["omega"], present["theta"], added, channel, unit, design.motion)

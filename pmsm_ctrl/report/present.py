@@ -17,6 +17,7 @@ from pmsm_ctrl.report.history import Entry
 from pmsm_ctrl.report.result import CatalogueEntry, Study
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
+from pmsm_ctrl.units import axis_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,11 +98,19 @@ def _(entry: CatalogueEntry) -> Section:
         ("required excitation", effect.needs), ("validated on", effect.validated), ("source", effect.source),
     )  # fmt: skip
     parameters = tuple(
-        (p.symbol, p.unit, f"{p.lower:g}", f"{p.upper:g}", p.description, "column" if p.linear else "searched")
+        (
+            p.symbol,
+            axis_unit(p.unit, entry.motion),
+            f"{p.lower:g}",
+            f"{p.upper:g}",
+            p.description,
+            "column" if p.linear else "searched",
+        )
         for p in effect.parameters
     )
     alike = Table(("effect", "why"), tuple(effect.look_alikes.items()), "Effects it can be confused with")
-    caption = "What the effect adds, over speed (left) and over one turn (right)."
+    linear = entry.motion == "linear"
+    caption = f"What the effect adds, over speed (left) and over {'the position' if linear else 'one turn'} (right)."
     return Section(
         effect.title,
         (
@@ -115,7 +124,7 @@ def _(entry: CatalogueEntry) -> Section:
 
 
 def _signature(entry: CatalogueEntry) -> Figure:
-    """Draw what the effect adds over speed and over one turn."""
+    """Draw what the effect adds over speed and over one turn, or over the position."""
     from matplotlib.figure import Figure
 
     assert entry.residual is not None
@@ -123,7 +132,9 @@ def _signature(entry: CatalogueEntry) -> Figure:
     assert entry.theta is not None
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
-    over = ((entry.omega, "speed [rad/s]", "#0072B2"), (np.mod(entry.theta, 2 * np.pi), "angle [rad]", "#D55E00"))
+    linear = entry.motion == "linear"
+    place = (entry.theta, "position [m]") if linear else (np.mod(entry.theta, 2 * np.pi), "angle [rad]")
+    over = ((entry.omega, f"speed [{'m/s' if linear else 'rad/s'}]", "#0072B2"), (*place, "#D55E00"))
     for axes, (values, label, colour) in zip(panels, over, strict=True):
         axes.plot(values, entry.residual, ".", markersize=1.5, alpha=0.5, color=colour, rasterized=True)
         axes.set_xlabel(label)

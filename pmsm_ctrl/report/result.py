@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.report.history import Entry
-from pmsm_ctrl.report.notices import NOT_VALIDATED
+from pmsm_ctrl.report.notices import NO_SIGNATURE, NOT_VALIDATED
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice, Picture
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["CatalogueEntry", "Headline", "Study"]
 
@@ -140,6 +141,10 @@ class CatalogueEntry(Result):
         Speed, angle and what the effect adds to the drive's signal in a simulated run of the
         `identification` motion; None when no design was given to simulate with.
     channel, unit : which signal, and its unit
+    motion : {"rotary", "linear"}
+        Kind of the axis in whose units the parameters are stated.
+    unlooped : bool
+        Whether a design was given that has no loops to simulate with.
     """
 
     effect: Effect
@@ -148,13 +153,14 @@ class CatalogueEntry(Result):
     residual: Array | None = None
     channel: str = "torque"
     unit: str = "N m"
+    motion: str = "rotary"
+    unlooped: bool = False
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """A notice when the effect has not been validated."""
-        if self.effect.validated != "not at all":
-            return ()
-        return (NOT_VALIDATED(),)
+        """A notice when the effect has not been validated, and one when it could not be simulated."""
+        found = (NOT_VALIDATED(),) if self.effect.validated == "not at all" else ()
+        return (*found, NO_SIGNATURE()) if self.unlooped else found
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON.
@@ -170,5 +176,8 @@ class CatalogueEntry(Result):
         return {
             **{name: getattr(effect, name) for name in names},
             "look_alikes": dict(effect.look_alikes),
-            "parameters": [{name: getattr(p, name) for name in columns} for p in effect.parameters],
+            "parameters": [
+                {name: getattr(p, name) for name in columns} | {"unit": axis_unit(p.unit, self.motion)}
+                for p in effect.parameters
+            ],
         }

@@ -16,7 +16,10 @@ import pytest
 from pmsm_ctrl import console
 from pmsm_ctrl.cli import app, main
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.errors import NextCommand, PmsmCtrlError, RequestError
+from pmsm_ctrl.next_steps import completed_beside, next_step
+from pmsm_ctrl.report.catalogue import describe_effect
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 PLAIN = (
@@ -227,7 +230,6 @@ def test_map_names_foreign_columns(tmp_path: Path, design: Path, capsys: pytest.
 
 
 def test_effects_lists_the_whole_catalogue(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from pmsm_ctrl.effects import CATALOGUE
 
     assert call("effects", "--json", tmp_path / "e.json") == 0
     out = capsys.readouterr().out
@@ -441,6 +443,23 @@ def test_an_interrupted_verb_says_so(monkeypatch: pytest.MonkeyPatch, capsys: py
     monkeypatch.setattr(pmsm_ctrl.effects, "lookup", interrupted)
     assert console.run(app, ["effects", "stribeck"]) == 130
     assert capsys.readouterr().err == "pmsm-ctrl: interrupted; no incomplete file was written\n"
+
+
+def test_one_effect_of_a_design_has_its_units_and_needs_no_loops() -> None:
+    """Detent force of a linear axis was listed in N m and rad; without loops nothing was."""
+    axis = Design.from_toml('name = "lin"\nmotion = "linear"\n[motor]\nJ = 10.0\nK_t = 50.0\n')
+    entry = describe_effect(CATALOGUE["detent_force"], axis)
+    assert [row["unit"] for row in entry.to_dict()["parameters"]] == ["N", "N", "m"]
+    assert "N m" not in entry.summary()
+    assert [one.code for one in entry.notices] == ["no_signature"]
+
+
+def test_a_complete_study_is_followed_by_the_drive(tmp_path: Path, designs: Path) -> None:
+    """It had compensated and exported, and proposed to compensate."""
+    Design.read(designs / "servo_2kw.toml").write(completed_beside(tmp_path / "page.html"))
+    given = {"design": "d.toml", "log": ["l.csv"], "output": tmp_path / "page.html"}
+    assert next_step("study", given).startswith("pmsm-ctrl compensate ")
+    assert next_step("study", given | {"complete": True}).startswith("pmsm-ctrl verify BEFORE AFTER --design ")
 
 
 def test_one_effect_in_full_with_its_signature(

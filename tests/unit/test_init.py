@@ -82,6 +82,8 @@ def _nobody_at_the_keyboard(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
         ("encoder", "2500 lines", "encoder_counts", 10000.0),
         ("friction", "80 mNm", "F_c", 0.08),
         ("viscous", "0.02 Nm/krpm", "F_v", 0.02 / (1000 * 2 * math.pi / 60)),
+        ("viscous", "0.2 mN m/(rad/s)", "F_v", 2e-4),
+        ("viscous", "20 mNm/krpm", "F_v", 0.02 / (1000 * 2 * math.pi / 60)),
     ],
 )
 def test_units_as_sheets_write_them(key: str, text: str, field: str, value: float) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pmsm_ctrl import compensate
 from pmsm_ctrl.compensate import Trial, accept, judge, run_trial, study_trials
 from pmsm_ctrl.compensate.motions import PUSHES
 from pmsm_ctrl.compensate.notices import _limit
@@ -149,6 +150,16 @@ def test_change_needs_a_compensation(seed_text: str) -> None:
         accept(design, Acceptance(scenario="push", metric="rms_change", limit=-0.5))
     with pytest.raises(RequestError, match="unknown metric"):
         accept(design, Acceptance(scenario="push", metric="cycle_amplitude_change", limit=-0.5))
+
+
+def test_a_wrong_name_is_said_before_anything_runs(seed_text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A misspelt metric was reported after ten seconds of simulation."""
+    monkeypatch.setattr("pmsm_ctrl.compensate.study.run_trial", lambda *_, **__: pytest.fail("it runs"))
+    design = Design.from_dict(tomllib.loads(seed_text))
+    for scenario, metric in (("push", "reversal_peek"), ("pusch", "rms")):
+        limited = design.model_copy(update={"acceptance": (Acceptance(scenario=scenario, metric=metric, limit=1.0),)})
+        with pytest.raises(RequestError, match=r"reversal_peek|pusch"):
+            compensate(limited)
 
 
 def test_an_environment_without_pytest_is_told_what_to_install(tmp_path: Path) -> None:

@@ -262,7 +262,15 @@ def test_the_code_of_a_linear_axis_speaks_of_forces() -> None:
     for language in ("c", "st"):
         text = checked_export(axis, language, force=True)
         assert "torque" not in text.lower()
+        assert "angle" not in text
         assert {"Coulomb friction force", "Constant load force"} <= set(re.findall(r"[A-Z][a-z]+ \w+ force", text))
+
+
+def test_the_comments_of_a_linear_tracker_have_its_units() -> None:
+    """A comment said "(N m s)^2"."""
+    text = checked_export(linear_motor().design, "c", part="tracker")
+    assert not re.search(r"N m\b|\brad\b|torque's", text)
+    assert "(N s)^2" in text
 
 
 def test_linear_friction_gets_evenly_spread_speeds() -> None:

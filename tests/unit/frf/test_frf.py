@@ -22,7 +22,7 @@ from pmsm_ctrl.frf import FrequencyResponse, Response
 from pmsm_ctrl.frf.fit import Axis, fit_axis
 from pmsm_ctrl.frf.frf import _nonlinear
 from pmsm_ctrl.frf.measured import _beside, _passive, _ratio, counted, measured_axis
-from pmsm_ctrl.frf.notices import NOISE_ANSWERED
+from pmsm_ctrl.frf.notices import INERTIA, NOISE_ANSWERED
 from pmsm_ctrl.frf.present import _range
 from pmsm_ctrl.frf.recorder import recorded
 from pmsm_ctrl.frf.stretches import stretches, without_steps
@@ -165,6 +165,12 @@ def test_a_wrong_inertia_is_said(seed: Design) -> None:
     result = frf(seed.with_parameters(J=7e-5), simulate(seed, multisine(design=seed, periods=3.0), seed=2))
     assert [one.code for one in result.notices] == ["frf_inertia_deviates"]
     assert result.estimates["J"].value == pytest.approx(9e-5, rel=0.01)
+
+
+def test_the_mass_of_a_linear_axis_is_in_kg() -> None:
+    """ "the inertia is 30.24 kg m^2" was said of a moving mass."""
+    said = INERTIA(quantity="moving mass", found="30.2", unit="kg", design=28.0, share=0.08).text
+    assert said == "the moving mass is 30.2 kg; the design states 28 kg (+8.0%)"
 
 
 def test_a_resonance_that_the_design_has_wrongly_is_said(seed: Design) -> None:

@@ -86,6 +86,9 @@ def test_one_direction_confounds_load_and_coulomb_but_not_the_rest() -> None:
     speed = 12 + 5 * np.sin(3.0 * t) + 3 * np.sin(7.1 * t)
     result = identify(ALL, made_log(speed, 15 * np.cos(3 * t) + 21.3 * np.cos(7.1 * t), t, noise=0.01))
     assert set(result.unidentifiable) == {"F_c", "T_0"}
+    said = " ".join(result.summary(brief=True).split())
+    assert "2 of 4 parameters identified (not F_c, T_0)" in said
+    assert "not identifiable, because" in said
     assert "T_0" in result.unidentifiable["F_c"].detail["partners"]
     assert result.estimates["F_v"].value == pytest.approx(TRUE["F_v"], rel=0.01)
     assert result.estimates["J"].value == pytest.approx(TRUE["J"], rel=0.01)
