@@ -230,7 +230,6 @@ def test_map_names_foreign_columns(tmp_path: Path, design: Path, capsys: pytest.
 
 
 def test_effects_lists_the_whole_catalogue(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-
     assert call("effects", "--json", tmp_path / "e.json") == 0
     out = capsys.readouterr().out
     data = json.loads((tmp_path / "e.json").read_text(encoding="utf-8"))
