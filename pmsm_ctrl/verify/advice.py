@@ -42,7 +42,7 @@ def advice_of(found: Verification, missing: Sequence[str]) -> Verification:
         case Outcome.LIMIT_CYCLE:
             text = (f"Lower the gain at once: a limit cycle at rest of {found.after.cycle_frequency:.3g} Hz has begun; "
                     "`pmsm-ctrl compensate` finds the highest safe gain.")  # fmt: skip
-        case _ if any(one.code == words.ROUNDED.code for one in found.notices):
+        case _ if {words.ROUNDED.code, words.BEFORE_NOT_TOLD.code} & {one.code for one in found.notices}:
             text = ("Log the same motion again at the rate of the speed loop, and the current reference beside the "
                     "measured current: these logs advise no factor.")  # fmt: skip
         case _ if found.implausible:

@@ -33,6 +33,11 @@ ROUNDED = Template(
     "the logs hold the rounded error of the controller at {rate:.4g} Hz, and not every cycle of it: its integral is "
     "not separable from the feedforward",
 )
+BEFORE_NOT_TOLD = Template(
+    "verify_before_not_told",
+    "by the measured current, {gain:.0%} of this feedforward is found in the first log already: it acts there, or it "
+    "is a part of the integrator; the gain stated is uncertain by as much",
+)
 NOT_TOLD = Template(
     "verify_part_not_told",
     "the gain of '{effect}' is not separable on this motion ({gain}): it contributes {share:.0%} of the compensated "

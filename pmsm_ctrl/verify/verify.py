@@ -182,6 +182,9 @@ def _law(records: list[Record], channel: str, expected: float, progress: Callabl
         kept, systematic = [averaged(one, width) for one in kept], policy.MEASURED
     law = fit_law(kept[0], kept[1], progress)
     own = (math.hypot(systematic, policy.SHAPED if law.shaped else 0.0) * expected) ** 2
+    # noise that the axis follows is in the measured current and in the controller's error alike: what the integrator
+    # thereby lacks is found as a feedforward of both logs, and the change by as much too small
+    own += 0.0 if channel == "i_q_ref" else float(law.gain.value[0]) ** 2
     gain, parts = (replace(one, covariance=one.covariance + own * np.eye(len(one.names)))
                    for one in (law.gain, law.parts))  # fmt: skip
     return replace(law, gain=gain, parts=parts)
@@ -232,6 +235,8 @@ def _judged(
     if verdict is Outcome.NOT_APPLIED:  # nothing has no sign
         law = replace(law, sign=None)
     notes += [*_of_sign(design, logs[1], law), *_of_law(law, expected, parts, weight)]
+    if channel != "i_q_ref" and abs(law.gain.value[0]) > policy.NOTHING * expected:
+        notes.append(words.BEFORE_NOT_TOLD(gain=float(law.gain.value[0])))
     if not _quantile() * law.rounded < policy.VAGUE * expected:
         notes.append(words.ROUNDED(rate=logs[1].rate))
     notes += _of_errors(errors, measured, wanted, judged=verdict in (Outcome.APPLIED, Outcome.LATE))

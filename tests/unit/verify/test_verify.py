@@ -196,6 +196,18 @@ def test_where_the_integral_is_not_known_no_factor_is_advised(designs: Path, cha
     assert found.implausible == ()
 
 
+def test_what_a_measured_current_finds_before_is_an_error_of_the_change(design: Design, motion: Scenario) -> None:
+    """A coarse scale at the rate of the speed loop: 0.84 +- 0.03 was found of 1, 0.16 of it before the download."""
+    coarse = design.replace(sensor={"encoder_counts": 4096, "log_divider": 2})
+    off = coarse.replace(compensation={"gain": 0.0})
+    logs = [simulate(one, motion, seed=seed) for one, seed in ((off, 5), (coarse, 6))]
+    found = verify(coarse, *(without(one, "i_q_ref") for one in logs))
+    low, high = found.interval
+    assert low < 1.0 < high
+    assert found.gain.stderr >= abs(found.before_gain.value)
+    assert found.verdict.value in ("inconclusive", "applied")
+
+
 def test_the_integral_of_the_speed_is_the_angle_turned(designs: Path) -> None:
     """Under speed control: rounded speeds of one cycle in eight were summed up, 0.07 +- 0.02 was found of 1."""
     off = Design.read(designs / "servo_2kw.toml").replace(
