@@ -235,10 +235,7 @@ def _judged(
     if verdict is Outcome.NOT_APPLIED:  # nothing has no sign
         law = replace(law, sign=None)
     notes += [*_of_sign(design, logs[1], law), *_of_law(law, expected, parts, weight)]
-    if channel != "i_q_ref" and abs(law.gain.value[0]) > policy.NOTHING * expected:
-        notes.append(words.BEFORE_NOT_TOLD(gain=float(law.gain.value[0])))
-    if not _quantile() * law.rounded < policy.VAGUE * expected:
-        notes.append(words.ROUNDED(rate=logs[1].rate))
+    notes += _of_integrator(law, channel, expected, logs[1].rate)
     notes += _of_errors(errors, measured, wanted, judged=verdict in (Outcome.APPLIED, Outcome.LATE))
     notes += _of_samples(design, logs, channel)
     applied = abs(value) > max(half, policy.NOTHING * expected)
@@ -351,6 +348,16 @@ def _of_law(law: Law, expected: float, parts: Mapping[str, _Part], weight: Mappi
             out.append(words.NOT_TOLD(effect=name, gain=text, share=weight[name]))
         elif parts[name].missing and some:
             out.append(words.PART_MISSING(effect=name, gain=text, share=weight[name]))
+    return out
+
+
+def _of_integrator(law: Law, channel: str, expected: float, rate: float) -> list[Notice]:
+    """Return what the integrator's part may have in the gain."""
+    out: list[Notice] = []
+    if channel != "i_q_ref" and abs(law.gain.value[0]) > policy.NOTHING * expected:
+        out.append(words.BEFORE_NOT_TOLD(gain=float(law.gain.value[0])))
+    if not _quantile() * law.rounded < policy.VAGUE * expected:
+        out.append(words.ROUNDED(rate=rate))
     return out
 
 
