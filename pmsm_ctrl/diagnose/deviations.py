@@ -55,7 +55,8 @@ def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[De
     doubt = negative_friction(fit, policy) if flagged else ""
     flagged = flagged and not doubt
     note = f"beyond {100 * allowed:.0f} %: it scales every torque" if flagged else doubt or _unseen(outside)
-    yield Deviation("K_t", nominal, float(estimate), float(error), UNITS["K_t"], outside, flagged, note)
+    unit = axis_unit(UNITS["K_t"], design.motion)
+    yield Deviation("K_t", nominal, float(estimate), float(error), unit, outside, flagged, note)
 
 
 def _allowed(design: Design, policy: Policy) -> float:
@@ -70,7 +71,7 @@ def _torque_constant_by_load(design: Design, fit: Fitted, policy: Policy) -> Ite
         k, nominal = fit.model.names.index(LOAD_SCALE), design.K_t_assumed
         estimate = nominal / (1.0 + float(fit.plain.values[k]))
         error = estimate**2 / nominal * float(fit.plain.stderr[k])
-        unit = "N/A" if fit.record.linear else UNITS["K_t"]
+        unit = axis_unit(UNITS["K_t"], design.motion)
         outside = abs(estimate / nominal - 1.0) > _allowed(design, policy)
         outside = outside and abs(estimate - nominal) > policy.sure_errors * error
         yield Deviation("K_t", nominal, estimate, error, unit, outside, False, "by the known load")

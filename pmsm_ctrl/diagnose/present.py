@@ -102,7 +102,7 @@ def _(result: Diagnosis) -> Section:
         blocks.append(records)
         if not d.steps and any(record.held_out for record in d.records):  # no table of steps holds their errors
             essential.append(records)
-        if (drift := spread_sentence(d.spreads)) is not None:
+        if (drift := spread_sentence(d.spreads, drives(d.design.motion))) is not None:
             blocks.append(drift)
     if d.calibration is not None:
         blocks.append(f"Calibration: {calibration_text(d.calibration)}.")
@@ -155,7 +155,7 @@ def _(result: Addition) -> Section:
     several: list[Block] = []
     if len(a.records) > 1:
         several = [records_table(a.records, drive, "refitted", "final")]
-        several += [drift] if (drift := spread_sentence(a.spreads)) is not None else []
+        several += [drift] if (drift := spread_sentence(a.spreads, drive)) is not None else []
     remarks = (f"Note: {note.text}." for note in a.remarks)
     more = (f"Also: {text}." for text in a.against[1:])
     blocks: tuple[Block, ...] = (verdict, *more, *a.notices, errors, found, *several, *remarks)

@@ -60,7 +60,7 @@ def _(result: Identification) -> Section:
         blocks.append(Table((*_HEADER, "design"), rows, "Identified parameters"))
     if result.records:
         blocks.append(records_table(result.records, quantity, "of the design", "identified"))
-        if (drift := spread_sentence(result.spreads)) is not None:
+        if (drift := spread_sentence(result.spreads, quantity)) is not None:
             blocks.append(drift)
     lacking = any(note.code == EFFECTIVE_VALUES.code for note in result.notices)
     if (sampled := sampling_text(result.timing, quantity, result.sampling.stderr, lacking)) is not None:

@@ -11,7 +11,7 @@ from pmsm_ctrl.section import Table
 
 __all__ = ["records_table", "spread_sentence", "torque_error_name"]
 
-SYMBOLS = {"dF_c": "dry friction", "dF_v": "viscous friction", "offset": "constant torque"}
+SYMBOLS = {"dF_c": "dry friction", "dF_v": "viscous friction", "offset": "constant {drive}"}
 CAPTION = "Records: {error}s; by how much friction deviates from the mean of the records"
 
 
@@ -44,7 +44,7 @@ def records_table(rows: Sequence[RecordResult], drive: str, before: str = "befor
     error = torque_error_name(drive)
     head = ["record", "duration", "rate", f"{error} {before}", after]
     head += [f"{before}, level refitted", f"{after}, level refitted"]
-    head += [*SYMBOLS.values(), "added to the angle", "p (agrees)"]
+    head += [*(words.format(drive=drive) for words in SYMBOLS.values()), "added to the angle", "p (agrees)"]
     cells = [_cells(row) for row in rows]
     shown = [k for k in range(len(head)) if any(row[k] for row in cells)]
     return Table(
@@ -71,7 +71,7 @@ def _relative(errors: Errors) -> str:
     return percent(errors["torque"]["relative"]) if "torque" in errors else ""
 
 
-def spread_sentence(spreads: Sequence[RecordSpread]) -> str | None:
+def spread_sentence(spreads: Sequence[RecordSpread], drive: str) -> str | None:
     """Return by how much friction drifts between records, as a sentence; None for a single record.
 
     Where the records tell of no spread, that is a bound of what each deviates by, and no number that looks measured.
@@ -79,18 +79,20 @@ def spread_sentence(spreads: Sequence[RecordSpread]) -> str | None:
     Parameters
     ----------
     spreads : sequence of RecordSpread
+    drive : str
+        The word for what drives the axis.
     """
     if not spreads:
         return None
-    told = ", ".join(_sized(one, one.value) for one in spreads if one.below is None)
-    within = ", ".join(_sized(one, one.below, "below ") for one in spreads if one.below is not None)
+    told = ", ".join(_sized(one, one.value, drive) for one in spreads if one.below is None)
+    within = ", ".join(_sized(one, one.below, drive, "below ") for one in spreads if one.below is not None)
     said = [f"Standard deviation between records: {told}"] if told else []
     said += [f"Deviation of each record from all: {within}"] if within else []
     first = spreads[0]
-    assumed = f"{with_prefix(first.assumed, first.unit)} of {SYMBOLS[first.symbol]}"
+    assumed = f"{with_prefix(first.assumed, first.unit)} of {SYMBOLS[first.symbol].format(drive=drive)}"
     return f"{'. '.join(said)}. An assumed {assumed} counts as one more record."
 
 
-def _sized(one: RecordSpread, value: float, before: str = "") -> str:
+def _sized(one: RecordSpread, value: float, drive: str, before: str = "") -> str:
     share = f" ({percent(one.relative * value / one.value)})" if one.relative is not None and one.value else ""
-    return f"{SYMBOLS[one.symbol]} {before}{with_prefix(value, one.unit)}{share}"
+    return f"{SYMBOLS[one.symbol].format(drive=drive)} {before}{with_prefix(value, one.unit)}{share}"
