@@ -51,6 +51,7 @@ def not_beside_shapes(fit: Fitted, policy: Policy = POLICY) -> Refusal | None:
     ----------
     fit : Fitted
         With its shapes fitted, and its intervals.
+    policy : Policy
     """
     from scipy.special import chdtrc
 
