@@ -19,7 +19,14 @@ from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.drive_timing import stated_within
 from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
-from pmsm_ctrl.regression.sampling_terms import Term, coupled_terms, instant_terms, sampling_terms, speed_terms
+from pmsm_ctrl.regression.sampling_terms import (
+    Term,
+    coupled_terms,
+    instant_terms,
+    saliency_terms,
+    sampling_terms,
+    speed_terms,
+)
 from pmsm_ctrl.regression.slow_inertia import slow_inertia
 from pmsm_ctrl.regression.two_stage import HeldResponse
 
@@ -247,7 +254,7 @@ def base_groups(
     """
     terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
     timing = list(sampling_terms(record, settled) if record.age is None else speed_terms(record, record.age, settled))
-    swung = [*instant_terms(record), *coupled_terms(record)]
+    swung = [*instant_terms(record), *coupled_terms(record), *saliency_terms(record)]
     of_torque = [term for term in (*timing, *swung) if term.modelled]
     measured = [*terms, *(term for term in (*timing, *swung) if not term.modelled)]
     # what follows from a modelled torque is filtered already

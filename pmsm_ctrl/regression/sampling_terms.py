@@ -31,10 +31,21 @@ from pmsm_ctrl.regression.drive_timing import (
 )
 from pmsm_ctrl.regression.notices import SAMPLED_IN_STEP
 from pmsm_ctrl.regression.reference_steps import HELD
-from pmsm_ctrl.regression.reluctance import coupling_torque
+from pmsm_ctrl.regression.reluctance import coupling_torque, saliency_torque
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["COUPLED", "FILTERED", "Term", "coupled_terms", "in_step", "instant_terms", "sampling_terms", "speed_terms"]
+__all__ = [
+    "COUPLED",
+    "FILTERED",
+    "SALIENCY",
+    "Term",
+    "coupled_terms",
+    "in_step",
+    "instant_terms",
+    "saliency_terms",
+    "sampling_terms",
+    "speed_terms",
+]
 
 Array = NDArray[np.float64]
 
@@ -43,6 +54,7 @@ FILTERED = 3e-3
 LEAST_EXCESS = 3e-4  # a third of 0.1 % of the torque, as small as effects are named
 SLOWEST_LOOP = 2.0 * math.pi * 100.0  # rad/s: of a current loop
 LOOPS_APART = 3.0  # largest speed loop over position loop
+SALIENCY = "saliency"  # error of L_d - L_q in the torque, H
 COUPLED = "coupled"  # inverse of the integral gain of the d-axis controller, A s/V
 VAGUE = 100.0  # prior of the delay of the drive signal, in units of what is possible
 
@@ -195,6 +207,24 @@ def coupled_terms(record: Record) -> Iterator[Term]:
     if R is None or record.late is None or (load := coupling_torque(record)) is None:
         return
     yield Term(COUPLED, lambda: {"torque": load}, 0.0, 1.0 / (R * SLOWEST_LOOP), True)
+
+
+def saliency_terms(record: Record) -> Iterator[Term]:
+    """Reluctance torque that the inductances of the design are wrong by, inside their tolerance.
+
+    Parameters
+    ----------
+    record : Record
+    """
+    motor = record.design.motor
+    if record.late is None or (load := saliency_torque(record)) is None:
+        return
+    assert motor.L_d is not None  # of a motor with saliency
+    assert motor.L_q is not None
+    spread = math.hypot(motor.tolerance_of("L_d", 0.0) * motor.L_d, motor.tolerance_of("L_q", 0.0) * motor.L_q)
+    torque = record.signals["torque"]
+    if spread * float(np.abs(load).max()) > LEAST_EXCESS * float(np.sqrt(np.mean(torque**2))):
+        yield Term(SALIENCY, lambda: {"torque": load}, 0.0, spread, True)
 
 
 def _emf_left(record: Record) -> tuple[Array, Array] | None:
