@@ -359,8 +359,9 @@ MUTATIONS = (
              "SEEN = 2.0", "SEEN = 0.0", "unit/diagnose/test_shapes.py -k step_of_the_angle"),
     Mutation("a stated tolerance takes the usual ones away", "design_parts.py",
              "USUAL_TOLERANCE.get(parameter, otherwise))", "otherwise)", "unit/test_design.py -k usual_ones"),
-    Mutation("the reluctance torque of a salient motor is right, whatever its datasheet", "regression/sampling_terms.py",
-             "spread = math.hypot(", "spread = 1e-9 * math.hypot(", "unit/regression/test_saliency.py -k no_saturation"),
+    Mutation("the reluctance torque is right, whatever the datasheet", "regression/sampling_terms.py",
+             "spread = math.hypot(", "spread = 1e-9 * math.hypot(",
+             "unit/regression/test_saliency.py -k no_saturation"),
     Mutation("the back-emf swings no current at an instant", "regression/sampling_terms.py",
              "turned**3 / -240.0", "0.0 * turned**3", "unit/regression/test_instant_currents.py -k no_drag"),
 )  # fmt: skip
