@@ -53,7 +53,7 @@ USUAL_INERTIA = 0.005
 # Share of its information that a mean must have for itself, and the significance from which on it is a load.
 KNOWN, SURE = 1e-6, 0.01
 # Degrees of freedom by which the usual spread is known where records differ by no more than that. Of 40 pairs whose
-# constant torques differ by twice as much, one has a load; a load of a fifth of the friction has its name.
+# constant torques differ by twice as much none has a load; a load of a fifth of the friction has its name.
 USUAL_KNOWN = 5.0
 SMALLEST = 1e-6  # of the spread that is assumed
 NOISIER = 1.5  # ratio of the noise of two records from which on they count differently
