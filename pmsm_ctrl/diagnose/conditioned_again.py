@@ -1,8 +1,4 @@
-"""The log conditioned once more with the effects found so far: what it is conditioned without looks like a second one.
-
-The filter of the drive signal, the band and the weights were found with a model that lacked the first effect; a bristle
-alone looks like a filter. The moments of reversal were found from a torque that a delay makes late.
-"""
+"""The log conditioned once more with the effects found so far: conditioned without one, it looks like a second one."""
 
 from __future__ import annotations
 

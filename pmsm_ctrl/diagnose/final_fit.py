@@ -44,8 +44,8 @@ def not_beside_shapes(fit: Fitted, policy: Policy = POLICY) -> Refusal | None:
     """Return that the last effect may be nothing: it was what the shapes of those before it were wrong by.
 
     An effect is accepted beside others whose shapes are held, and is judged again once all shapes are fitted together.
-    Of one that has a shape of its own the interval of its amount may not hold zero: a bend that is as large as it is
-    uncertain is the error of another bend.
+    Of a single amount with a shape of its own the interval may not hold zero: a bend that is as large as it is
+    uncertain is the error of another bend. Several amounts are judged together.
 
     Parameters
     ----------
@@ -61,11 +61,12 @@ def not_beside_shapes(fit: Fitted, policy: Policy = POLICY) -> Refusal | None:
         return None
     one, own = fit.accepted[number], fit.model.columns_of(place)
     values, stderr = fit.plain.values[own], fit.plain.stderr[own]
-    if searched(one):
+    if searched(one) and len(values) == 1:
         symbol, value, error = fit.model.names[own][0], float(values[0]), float(stderr[0])
         low, high = fit.profiles.get((number, symbol), (value - NORMAL * error, value + NORMAL * error))
-        nothing = len(values) == 1 and low <= 0.0 <= high
-        detail = {"parameter": symbol, "value": value, "stderr": 0.5 * (high - low) / NORMAL}
+        nothing = low <= 0.0 <= high
+        half = 0.5 * (high - low) / NORMAL
+        detail = {"parameter": symbol, "value": value, "stderr": half if math.isfinite(half) else error}
         return Refusal(Reason.NOT_DETERMINED, detail) if nothing else None
     wald = float(values @ np.linalg.pinv(fit.covariance[own, own], hermitian=True) @ values)
     p_value = float(chdtrc(len(values), wald))

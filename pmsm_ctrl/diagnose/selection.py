@@ -239,7 +239,8 @@ def _akin(one: Effect, other: Effect) -> bool:
     """
     if any(e.structure.has_memory or e.enters == "measurement" or not e.signals for e in (one, other)):
         return True
-    return bool(set(one.signals) & set(other.signals))
+    read = [{"omega" if signal == "direction" else signal for signal in e.signals} - {"p"} for e in (one, other)]
+    return bool(read[0] & read[1])
 
 
 def _look_alike(case: Case, fit: Fitted, trial: Trial) -> Refusal | None:

@@ -16,7 +16,6 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.timing import uniform
-from pmsm_ctrl.units import psi_f_from
 
 __all__ = ["coupling_torque", "holds_ripple", "logged_ripple_torques", "ripple_torques", "saliency_torque"]
 
@@ -28,7 +27,6 @@ RIPPLES = ((1, 2), (2, 1), (3, 0))
 FILTERED = 0.2  # share of a log's rate up to which its filters reach
 # The shortest time for which a reference is held whose ripple matters, s: that grows with the square of the time.
 HELD = 1e-3
-ROUNDS = 6  # in which the currents of a torque are found: to 1 % where they are twice as large as without saliency
 
 
 def ripple_torques(record: Record) -> list[Array]:
@@ -75,10 +73,9 @@ def coupling_torque(record: Record) -> Array | None:
 def saliency_torque(record: Record) -> Array | None:
     """Return the torque of an error of L_d - L_q of 1 H, N m/H: by as much the reluctance torque of a log is wrong.
 
-    It is evaluated with the inductances of a datasheet, here or in the drive. Of a torque that the drive has computed,
-    the currents are those of the most torque per ampere (T. M. Jahns, G. B. Kliman, T. W. Neumann, IEEE Trans. Ind.
-    Appl. IA-22 (1986) 738), where i_d grows with the square of i_q: it looks like a saturation of the torque
-    constant. None without saliency, and of an i_q alone.
+    It is evaluated with the inductances of a datasheet. At the most torque per ampere (T. M. Jahns, G. B. Kliman, T. W.
+    Neumann, IEEE Trans. Ind. Appl. IA-22 (1986) 738) i_d grows with the square of i_q, and the error looks like a
+    saturation of the torque constant. None without saliency, and where no channel holds a current along d.
 
     Parameters
     ----------
@@ -87,27 +84,9 @@ def saliency_torque(record: Record) -> Array | None:
     motor, signals = record.design.motor, record.signals
     if motor.p is None or motor.L_d is None or motor.L_q is None or motor.L_d == motor.L_q:
         return None
-    if "i_d" in record.prepared.signals:
-        i_d, i_q = signals["i_d"], signals["i_q"]
-    elif record.commanded or "i_q" in record.prepared.signals:
+    if "i_d" not in record.prepared.signals or not np.any(signals["i_d"]):
         return None
-    else:
-        i_d, i_q = _most_torque_per_ampere(record)
-    return np.asarray(torque_em.py_func(motor.p, 0.0, 1.0, 0.0, i_d, i_q)) if np.any(i_d) else None
-
-
-def _most_torque_per_ampere(record: Record) -> tuple[Array, Array]:
-    """Return i_d and i_q, A, that make the torque with the least current, shape (n,) each."""
-    motor, torque = record.design.motor, record.signals["torque"]
-    assert motor.p is not None  # asked by `saliency_torque`
-    assert motor.L_d is not None
-    assert motor.L_q is not None
-    psi_f, apart = psi_f_from(record.design.K_t_assumed, motor.p), motor.L_d - motor.L_q
-    i_d, i_q = np.zeros_like(torque), torque / record.design.K_t_assumed
-    for _ in range(ROUNDS):
-        i_d = (np.sqrt(psi_f**2 + 4.0 * (apart * i_q) ** 2) - psi_f) / (2.0 * apart)
-        i_q = torque / (1.5 * motor.p * (psi_f + apart * i_d))
-    return i_d, i_q
+    return np.asarray(torque_em.py_func(motor.p, 0.0, 1.0, 0.0, signals["i_d"], signals["i_q"]))
 
 
 def holds_ripple(log: Log) -> bool:

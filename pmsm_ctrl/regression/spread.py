@@ -128,11 +128,11 @@ def with_mean(record: Record, model: Model, whitener: Whitener) -> Model:
 def _with_mean(record: Record, model: Model, information: Array, along: Array) -> Model:
     """Return the model with a prior of the mean, from the information without one and its product with the values."""
     count = len(record.records)
-    mean, spread, usual = model.names.index(MEAN), spreads(model, count)["offset"], usual_spread(record)["offset"]
-    sigma = model.sigma.copy()
+    mean, found, usual = model.names.index(MEAN), spreads(model, count)["offset"], usual_spread(record)["offset"]
+    sigma, spread = model.sigma.copy(), max(found, usual)
     # records that differ no more than usual give no reason to assume more than that
-    known = USUAL_KNOWN if spread <= usual else COUNTS
-    by_chance = _mean_by_chance(information, along, mean, max(spread, usual), known + count - 1.0)
+    known = USUAL_KNOWN if found <= usual else COUNTS
+    by_chance = _mean_by_chance(information, along, mean, spread, known + count - 1.0)
     sigma[mean] = spread if by_chance else SMALLEST * spread
     return replace(model, sigma=sigma)
 

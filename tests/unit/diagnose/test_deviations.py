@@ -92,3 +92,14 @@ def test_a_torque_constant_that_was_assumed_has_not_the_tolerance_of_the_flux(
     design = believed(tolerance={"psi_f": 0.07})
     design = design if assumed is None else design.replace(assumed={"K_t": assumed})
     assert deviations._allowed(design, POLICY) == share
+
+
+@pytest.mark.parametrize(("motion", "unit"), [("rotary", "N m/A"), ("linear", "N/A")])
+def test_the_torque_constant_has_the_unit_of_the_axis(motion: str, unit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(deviations, "negative_friction", lambda *_: "")
+    design = believed().model_copy(update={"motion": motion})
+    value = np.array([design.K_t_assumed / (1.5 * (design.motor.p or 0))])
+    solved = SimpleNamespace(values=value, stderr=np.array([1e-6]))
+    fit: Any = SimpleNamespace(model=SimpleNamespace(names=("psi_f",)), plain=solved)
+    (found,) = deviations._torque_constant(design, fit, POLICY)
+    assert (found.parameter, found.unit, found.outside) == ("K_t", unit, False)

@@ -23,7 +23,7 @@ from pmsm_ctrl.diagnose.made_ready import condition
 from pmsm_ctrl.diagnose.measures import has_own_order
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
-from pmsm_ctrl.diagnose.selection import Found, Selection, best, name_of, with_sampling_told
+from pmsm_ctrl.diagnose.selection import Found, Selection, _akin, best, name_of, with_sampling_told
 from pmsm_ctrl.diagnose.swap import Rest, better, equals, rival_ids
 from pmsm_ctrl.diagnose.unexplained import impossible_winding
 from pmsm_ctrl.effects.catalogue import CATALOGUE, catalogue_of
@@ -292,6 +292,17 @@ def test_minor_effects_are_selected_where_one_was_refused_as_minor(
     assert asked == ([False, True] if reason is Reason.MINOR else [False])
     assert bool(found.steps) == case.minor_too == (passes and stays and reason is Reason.MINOR)
     assert [remark.code for remark in case.remarks] == (["minor_part"] if case.minor_too else [])
+
+
+@pytest.mark.parametrize(("one", "other", "akin"), [
+    ("viscous_power", "load_gravity", False), ("cogging", "viscous_asymmetry", False),
+    ("quadratic_drag", "coulomb", True),  # the direction is the sign of the speed
+    ("rising_friction", "viscous_asymmetry", True), ("unbalance", "cogging", True), ("constant_load", "cogging", True),
+    ("compliance", "cogging", True), ("current_offset", "stribeck", True),
+])  # fmt: skip
+def test_effects_resemble_each_other_that_depend_on_something_alike(one: str, other: str, akin: bool) -> None:
+    assert _akin(CATALOGUE[one], CATALOGUE[other]) is akin
+    assert _akin(CATALOGUE[other], CATALOGUE[one]) is akin
 
 
 # ---- equivalents ------------------------------------------------------------------------------------------------

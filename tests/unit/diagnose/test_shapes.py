@@ -12,7 +12,7 @@ from scipy.optimize import curve_fit
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add
-from pmsm_ctrl.diagnose.final_fit import reaching_zero, without_end
+from pmsm_ctrl.diagnose.final_fit import not_beside_shapes, reaching_zero, without_end
 from pmsm_ctrl.diagnose.fit import Accepted
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.shapes import tangent_of
@@ -118,3 +118,23 @@ def test_a_voltage_proportional_to_the_current_is_a_resistance(ends: tuple[float
     drift = Accepted(CATALOGUE["thermal_drift"], {"tau": 100.0}, ({"tau": 1.0}, {"tau": 200.0}))
     other: Any = SimpleNamespace(accepted=(drift,), profiles={(0, "tau"): (30.0, math.inf)})
     assert without_end(other) is None, "a drift that goes on is a straight line, which the model does not have"
+
+
+@pytest.mark.parametrize(("value", "ends", "fallen"), [
+    (0.022, None, True), (0.2, None, False), (0.2, (-0.01, 0.4), True), (0.06, (0.01, 0.2), False),
+])  # fmt: skip
+def test_a_later_bend_as_large_as_it_is_uncertain_falls(
+    value: float, ends: tuple[float, float] | None, fallen: bool
+) -> None:
+    """A Stribeck friction of 0.022 +- 0.049 N m was named beside a friction that rises."""
+    grid = ({"w_s": 1.0, "delta": 1.0}, {"w_s": 9.0, "delta": 2.0})
+    later = Accepted(CATALOGUE["stribeck"], {"w_s": 3.0, "delta": 1.5}, grid)
+    fit: Any = SimpleNamespace(
+        accepted=(Accepted(CATALOGUE["rising_friction"], {"w_r": 3.0}, ({"w_r": 1.0}, {"w_r": 9.0})), later),
+        covariance=np.eye(2), free=((1, "w_s"),), position=lambda number: number,
+        model=SimpleNamespace(columns_of=lambda place: slice(place, place + 1), names=("dF_r", "dF_s")),
+        plain=SimpleNamespace(values=np.array([0.3, value]), stderr=np.array([0.01, 0.049])),
+        profiles={} if ends is None else {(1, "dF_s"): ends},
+    )  # fmt: skip
+    found = not_beside_shapes(fit)
+    assert (found is not None and found.reason is Reason.NOT_DETERMINED) is fallen
