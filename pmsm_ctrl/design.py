@@ -350,8 +350,10 @@ class Design(Part):
         return changed
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the design as plain SI values, fit for TOML; defaults are left out."""
+        """Return the design as plain SI values, fit for TOML; defaults are left out, but for a stated control rate."""
         data = self.model_dump(mode="python", exclude_none=True, exclude_defaults=True)
+        if "f_control" in self.drive.model_fields_set:  # one that is not stated counts as unknown
+            data["drive"] = {**data.get("drive", {}), "f_control": self.drive.f_control}
         data["motor"] = ({"J": "unknown"} if self.motor.J is None else {}) | self.motor.model_dump(exclude_none=True)
         if self.effects:
             data["effects"] = [

@@ -402,3 +402,12 @@ def test_a_stated_tolerance_leaves_the_usual_ones_of_the_others(stated: dict[str
     assert motor.tolerance_of("psi_f", 0.5) == wanted
     assert motor.tolerance_of("J", 0.5) == stated.get("J", 0.15)
     assert motor.tolerance_of("k", 0.5) == 0.5
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_stated_control_rate_stays_one(stated: bool) -> None:
+    """One that is the default was left out: a log was fitted with another timing by the JSON than by the TOML."""
+    drive = {"drive": {"f_control": 16000.0}} if stated else {}
+    design = Design.from_dict({"motor": {"J": 1e-3, "K_t": 1.0}, **drive})
+    for copy in (Design.from_dict(design.to_dict()), design.replace(motor={"J": 2e-3}), design.with_parameters(J=2e-3)):
+        assert ("f_control" in copy.drive.model_fields_set) is stated
