@@ -38,7 +38,15 @@ def in_time_at_reversals(design: Design, made: Made, record: Record, fit: Estima
     late = fit.level(LATENESS)
     if not max(LATE, SURE * fit.value(LATENESS)[1]) < late <= record.sampling * (1.0 + FIXED):
         return record, fit
+    if late >= record.sampling and _later(design, record):
+        return record, fit
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     again = made.record(design, same, None, replace(record.timing, reversals=late))
     found = base_fit(design, again)
     return (again, found) if error_left(again, found) < error_left(record, fit) else (record, fit)
+
+
+def _later(design: Design, record: Record) -> bool:
+    """Whether the drive signal is surely later than sampling can make it: that is undone, or a delay."""
+    value, stderr = base_fit(design, record, settled=False).value(LATENESS)
+    return value > record.sampling + SURE * stderr
