@@ -33,6 +33,8 @@ POINTS = 20  # default size of a table of TwinCAT CNC (P-COMP-00062)
 ANGLES = 4096  # values of a turn in a SINAMICS table (p5260)
 HARMONICS = 10  # coefficients of an AX8000 (object 32CB)
 ROUNDING = 1e-9  # share of the largest torque below which a straight line misses nothing but rounding
+BETWEEN = 0.382  # of a step of the table
+SAME = 1e-3  # share of the largest torque by which that of the next turn may differ: four digits of a stated period
 SPEED_MAX = {"rotary": 300.0, "linear": 3.0}  # rad/s, m/s: where no limit follows from the design
 BEYOND = 1.5  # times the fastest motion of a log, where no limit follows from the design
 
@@ -139,18 +141,20 @@ def _way(theta: Array, sign: float) -> dict[str, Array]:
 
 
 def _not_of_a_turn(design: Design, points: int = ANGLES) -> list[str]:
-    """Return the effects of the angle that do not repeat with the motor's turn.
-
-    What repeats closes: the step over the end of the turn is no larger than those within it.
-    """
-    theta = np.linspace(0.0, 2.0 * np.pi, points + 1)
+    """Return the effects of the angle that are not the same a turn later, in one direction at least."""
+    # between the angles of the table: a step of a wave at one of them would fall to either side by rounding
+    theta = 2.0 * np.pi * (np.arange(points) + BETWEEN) / points
     found = []
     for effect, values in bound_effects(design):
         if "theta" in effect.signals and effect.active(values) and _tabled(effect, {"theta", "direction", "p"}):
-            known: dict[str, Any] = {**_way(theta, 1.0), "p": float(design.motor.p or 0)}
-            torque = column(effect, known, values)
-            if abs(torque[-1] - torque[0]) > np.abs(np.diff(torque)).max():
-                found.append(effect.label(values))
+            for sign in (1.0, -1.0):
+                first, second = (
+                    column(effect, {**_way(angle, sign), "p": float(design.motor.p or 0)}, values)
+                    for angle in (theta, theta + 2.0 * np.pi)
+                )
+                if np.abs(second - first).max() > SAME * np.abs(first).max():
+                    found.append(effect.label(values))
+                    break
     return found
 
 
@@ -199,7 +203,7 @@ def table_files(design: Design, logs: Sequence[Log] = ()) -> dict[str, str]:
             "sine or cosine of a drive may differ: turn the phase to its convention"
         )
         files[f"{axis}_cogging.csv"] = "\n".join([*lines, ""])
-    if rotary and any(_whole(order) for order, _, _ in rows):  # the drive counts harmonics of a turn
+    if rotary and rows:  # the drive counts harmonics of a turn
         files[f"{axis}_cogging_ax8000.csv"] = _ax8000(rows)
     if rotary and np.any(angles[:, 1:]):
         lines = ["index,angle [rad],torque forwards [N m],torque backwards [N m]"]
@@ -236,8 +240,7 @@ def _ax8000(rows: list[tuple[float, float, float]]) -> str:
     """Values of object 32CB of Beckhoff's AX8000: for each of ten harmonics its order, phase in degrees, amplitude."""
     # which angle phi counts from, its sign, and sine or cosine the manual leaves open (docs/export.md)
     lines = ["object,what,value,unit"]
-    held = [row for row in rows if _whole(row[0])]
-    for k, (order, amplitude, phase) in enumerate(sorted(held, key=lambda row: -row[1])[:HARMONICS]):
+    for k, (order, amplitude, phase) in enumerate(sorted(rows, key=lambda row: -row[1])[:HARMONICS]):
         first = 0x07 + 3 * k
         lines += [
             f"32CB:{first:02X},Coef {k} n,{round(order)},",
@@ -248,15 +251,7 @@ def _ax8000(rows: list[tuple[float, float, float]]) -> str:
         "# Written as r sin(n theta + phi) of the torque to be added to the drive's own. Not confirmed with a manual: "
         "the sign; the angle from which phi counts; sine or cosine: compare one harmonic on the axis before you use ten"
     )
-    if len(held) < len(rows):
-        orders = ", ".join(f"{order:g}" for order, _, _ in rows if not _whole(order))
-        lines.append(f"# Not held: order {orders}, which does not repeat with the motor's turn")
     return "\n".join([*lines, ""])
-
-
-def _whole(order: float) -> bool:
-    """Whether a wave closes over a turn: by no more than a step of a table is it off."""
-    return round(order) >= 1 and abs(order - round(order)) <= order / ANGLES
 
 
 def _toml(design: Design, table: Array, error: float, rows: list[tuple[float, float, float]], slower: list[str]) -> str:

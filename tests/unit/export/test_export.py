@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import bound_effects
+from pmsm_ctrl.effects import Effect, Parameter, bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.export import cogging_table, friction_table
+from pmsm_ctrl.export import cogging_table, friction_table, tables
 from pmsm_ctrl.export import export as checked_export
 from pmsm_ctrl.export import export_files as checked_export_files
 from pmsm_ctrl.export.blocks import identifier
@@ -410,6 +410,40 @@ def test_a_table_over_a_turn_holds_what_repeats_with_the_turn(design: Design) ->
     assert last.startswith("# Not held: load_gravity")
     assert "not_held_over_a_turn" in files["seed_motor_tables.toml"]
     assert "Not held" not in export_files(design, "c")["seed_motor_torque_over_angle.csv"]
+
+
+@pytest.mark.parametrize("turns", [2.0, 10.0])
+def test_a_wave_of_half_turns_does_not_repeat_with_the_turn(designs: Path, turns: float) -> None:
+    """A sine of half a wave in a turn is zero at both ends of the table, and was taken for one that repeats."""
+    load = {"a_s": 0.3, "a_c": 0.0, "period": turns * 2.0 * np.pi}
+    design = Design.read(designs / "seed_motor.toml").with_effect("load_gravity", load)
+    assert tables._not_of_a_turn(design) == [f"load_gravity {turns * 2.0 * np.pi:.4g}"]
+    assert not np.any(angle_table(design)[:, 1:])
+
+
+def test_each_direction_is_asked_whether_it_repeats_with_the_turn(designs: Path) -> None:
+    """Waves of half turns that act one way only, beside a step that closes."""
+    design = Design.read(designs / "seed_motor.toml")
+    for name, term in {"forwards": forwards_only, "backwards": backwards_only, "step": step_of_a_turn}.items():
+        own = Effect(
+            id=name, title="t", equation="k", source="none", enters="torque", term=term, needs="motion",
+            parameters=(Parameter("k", "N m", 0.0, -1.0, 1.0, "level", linear=True),),
+        )  # fmt: skip
+        design = design.with_own_effects(own).with_effect(name, {"k": 0.2})
+    assert tables._not_of_a_turn(design) == ["forwards", "backwards"]
+    assert np.abs(angle_table(design)[:, 1:]).max(axis=0) == pytest.approx(0.2, rel=1e-6)
+
+
+def forwards_only(theta: float, direction: float, k: float) -> float:
+    return k * (1.0 + direction) * math.sin(0.5 * theta)
+
+
+def backwards_only(theta: float, direction: float, k: float) -> float:
+    return k * (1.0 - direction) * math.sin(0.5 * theta)
+
+
+def step_of_a_turn(theta: float, k: float) -> float:
+    return k if math.sin(theta) > 0.0 else -k
 
 
 def test_bad_requests_are_told(design: Design) -> None:
