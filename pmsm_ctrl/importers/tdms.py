@@ -135,11 +135,13 @@ def _waveform(channel: Any, origin: np.datetime64 | None) -> _Waveform | None:
 def _values(content: Any, source: tuple[str, str] | _Waveform, origin: np.datetime64 | None) -> Array:
     if isinstance(source, _Waveform):
         return source.start + source.step * np.arange(source.samples, dtype=np.float64)
-    values = np.asarray(content[source[0]][source[1]][:])
+    channel = content[source[0]][source[1]]
+    values = np.asarray(channel[:])
     if values.dtype.kind != "M":
         return values.astype(np.float64)
-    # stamps without a date count from the zero of their time
-    return np.asarray((values - (values[0] if origin is None else origin)) / np.timedelta64(1, "us"), np.float64) * 1e-6
+    # stamps without a date count from the zero of their time, beside others that have one as well
+    zero = values[0] if origin is None or _start(channel) is None else origin
+    return np.asarray((values - zero) / np.timedelta64(1, "us"), np.float64) * 1e-6
 
 
 @contextmanager

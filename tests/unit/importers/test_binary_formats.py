@@ -162,6 +162,23 @@ def test_tdms_time_stamps(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.t, FAST, atol=1e-9)
 
 
+def test_tdms_time_stamps_without_a_date_beside_a_dated_waveform(tmp_path: Path) -> None:
+    """They lay 120 years before it: "the channel groups do not overlap in time"."""
+    nptdms = pytest.importorskip("nptdms")
+    path = tmp_path / "log.tdms"
+    stamps = np.datetime64("1904-01-01T00:00:03", "us") + (1e6 * FAST).round().astype("timedelta64[us]")
+    wave = {"wf_increment": 0.001, "wf_start_time": BEGIN, "unit_string": "A peak"}
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([
+            nptdms.ChannelObject("g", "Time", stamps),
+            nptdms.ChannelObject("g", "Position", FAST, {"unit_string": "rad"}),
+            nptdms.ChannelObject("h", "Iq", 2.0 * FAST, wave),
+        ])  # fmt: skip
+    log = read_log(path)
+    assert len(log) == 200
+    np.testing.assert_allclose(log["i_q"], 2.0 * log["theta"], atol=1e-9)
+
+
 def test_parquet(tmp_path: Path) -> None:
     log = read_log(parquet(tmp_path / "log.parquet"), mapping={"temperature": "enabled [degC]"})
     assert log.provenance.importer == "Parquet"
