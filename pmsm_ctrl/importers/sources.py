@@ -137,7 +137,7 @@ def _numbers(column: Any) -> Array | None:
     if values.ndim != 1:
         return None
     if values.dtype.kind in "mM":
-        since = values - values[0] if values.size and values.dtype.kind == "M" else values
+        since = values - values[:1] if values.dtype.kind == "M" else values  # of none as well
         return np.asarray(since / np.timedelta64(1, "ns"), dtype=np.float64) * 1e-9
     return values.astype(np.float64) if values.dtype.kind in "fiub" else None
 

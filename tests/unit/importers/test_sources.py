@@ -134,6 +134,14 @@ def test_the_time_index_of_pandas_is_the_time(zone: str | None) -> None:
     np.testing.assert_allclose(read_log(named).t, T, atol=1e-12)
 
 
+def test_an_empty_frame_over_time_is_refused() -> None:
+    """Numpy's UFuncTypeError was raised."""
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"speed [rad/s]": np.zeros(0)}, index=pandas.DatetimeIndex([]))
+    with pytest.raises(LogError):
+        Log.from_pandas(frame)
+
+
 def test_a_mapping_names_the_columns_of_a_frame() -> None:
     columns: dict[object, object] = {"a": T, "b": COLUMNS["speed [rpm]"], "c": COLUMNS["torque [N m]"]}
     log = read_log(Frame(columns), mapping={"t": "a [s]", "omega": "b [rpm]", "torque": "c [N m]"})
