@@ -472,6 +472,15 @@ def test_one_effect_in_full_with_its_signature(
     assert picture.read_text(encoding="utf-8").startswith("<?xml")
 
 
+def test_a_signature_of_a_design_without_loops_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    axis, picture = tmp_path / "lin.toml", tmp_path / "x.png"
+    axis.write_text('name = "lin"\nmotion = "linear"\n[motor]\nJ = 10.0\nK_t = 50.0\n', encoding="utf-8")
+    said = refused(capsys, "effects", "coulomb", "--design", str(axis), "--output", str(picture))
+    assert "lin.toml: loops: missing" in said
+    assert not picture.exists()
+    assert call("effects", "coulomb", "--design", axis) == 0  # only the picture needs them
+
+
 def test_simulate_takes_parameters_of_the_motion(tmp_path: Path, designs: Path) -> None:
     log = tmp_path / "short.csv"
     words = ("--set", "speed_max=20", "--set", "speed_step=20", "--set", "dwell=0.2")
