@@ -20,12 +20,13 @@ from pmsm_ctrl.errors import LogError, NotExcitedError
 from pmsm_ctrl.evidence.local_polynomial import Local
 from pmsm_ctrl.frf import FrequencyResponse, Response
 from pmsm_ctrl.frf.fit import Axis, fit_axis
-from pmsm_ctrl.frf.frf import _nonlinear
+from pmsm_ctrl.frf.frf import _judged, _nonlinear
 from pmsm_ctrl.frf.measured import _beside, _passive, _ratio, counted, measured_axis
-from pmsm_ctrl.frf.notices import INERTIA, NOISE_ANSWERED
+from pmsm_ctrl.frf.notices import NOISE_ANSWERED
 from pmsm_ctrl.frf.present import _range
 from pmsm_ctrl.frf.recorder import recorded
 from pmsm_ctrl.frf.stretches import stretches, without_steps
+from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.simulate import Scenario, scenario
 from pmsm_ctrl.simulate.motions import binary_signal
 from pmsm_ctrl.simulate.scenarios import chirp, multisine, noise
@@ -167,10 +168,19 @@ def test_a_wrong_inertia_is_said(seed: Design) -> None:
     assert result.estimates["J"].value == pytest.approx(9e-5, rel=0.01)
 
 
-def test_the_mass_of_a_linear_axis_is_in_kg() -> None:
+@pytest.mark.parametrize(
+    ("motion", "said"),
+    [
+        ("linear", "the moving mass is 30.24 ± 0.10 kg; the design states 28 kg (+8.0%)"),
+        ("rotary", "the inertia is 30.24 ± 0.10 kg m^2; the design states 28 kg m^2 (+8.0%)"),
+    ],
+)
+def test_the_mass_of_a_linear_axis_is_in_kg(motion: str, said: str) -> None:
     """ "the inertia is 30.24 kg m^2" was said of a moving mass."""
-    said = INERTIA(quantity="moving mass", found="30.2", unit="kg", design=28.0, share=0.08).text
-    assert said == "the moving mass is 30.2 kg; the design states 28 kg (+8.0%)"
+    design = Design.from_dict({"name": "axis", "motion": motion, "motor": {"J": 28.0, "K_t": 50.0}})
+    axis = Axis(np.array([math.log(30.24), 0.0, 0.0, 0.0]), np.eye(4), misfit=1.0, spread=1e-8)
+    estimates = {"J": Estimate(30.24, "kg m^2", 0.1, 28.0), "delay": Estimate(0.0, "s", 1e-4)}
+    assert [one.text for one in _judged(design, axis, estimates)] == [said]
 
 
 def test_a_resonance_that_the_design_has_wrongly_is_said(seed: Design) -> None:
