@@ -51,7 +51,7 @@ class Law:
     retuned : bool
         Whether the gains of the controller differ between the logs.
     rounded : float
-        Error of the gain that is due to rounded samples of the controller's error, a standard error.
+        Error of the gain that is due to the cycles of the controller which a slower log lacks, a standard error.
     t, added, predicted : array, shape (n,)
         Time (s), current of the second log beside its controller, and what the compensator makes of it, A.
     """
@@ -121,24 +121,33 @@ def fit_law(before: Record, after: Record, progress: Callable[[float], None] = l
 
 
 def _turned(rows: Rows, place: Place) -> tuple[Rows, float]:
-    """Return rows whose error is in the right place, and how much of what is left is due to rounded samples."""
+    """Return rows whose error is in the right place, and how much of what is left may be due to the integral."""
+    if not any(one.slower for one in rows.records):  # the logs hold every term of the controller's sum
+        return rows, 0.0
     turned = rows.turned()
     walk, rounding = turned.walk_of_integral(turned.whitener(place), place), rows.records[1].rounding
     if walk <= policy.WALK * rounding and not rows.records[1].measured:
         return turned, 1.0
-    return rows, min(1.0, (rounding / walk) ** 2)
+    # the current reference has no noise of its own: all that is left is what the samples do not tell of the integral
+    return rows, min(1.0, (rounding / walk) ** 2) if rows.records[1].measured else 1.0
 
 
 def _doubted(rows: Rows, place: Place, found: Added, share: float) -> tuple[Added, float]:
-    """Return gains with the error by rounded samples, and that of the second.
+    """Return gains with the error by the cycles that a slower log lacks, and that of the second.
 
-    The gains lie between those with all error in the current and those with all of it in the integral.
+    The gains lie between those with all error in the current and those with all of it in the integral. By the current
+    reference, what is found before the download is in doubt as well: what the sum lacks of the integral is found as a
+    feedforward of both logs, and the change by as much too small.
     """
+    if share == 0.0:
+        return found, 0.0
     turned = rows.turned()
     by_part = len(found.names) > 2 or found.names[1] != "change"
     other = turned.gains(turned.whitener(place), [place], by_part=by_part)
     away = share * (other.value - found.value)
-    return replace(found, covariance=found.covariance + np.outer(away, away)), abs(float(away[1]))
+    own = 0.0 if rows.records[1].measured else float(found.value[0]) ** 2
+    more = np.outer(away, away) + own * np.eye(len(away))
+    return replace(found, covariance=found.covariance + more), float(np.sqrt(more[1, 1]))
 
 
 def _seen(record: Record, near: Profile) -> tuple[Sign | None, bool]:

@@ -51,10 +51,14 @@ EARLIEST, LATEST, STEPS = -0.01, 0.05, 240
 EXPLAINED, SLOW = 0.95, 0.01
 # Ratio of the residuals from which on the gains of the controller are taken as changed between the logs.
 RETUNED = 2.0
-# Ratio of what the sum of the error misses per sample, were all that is left of the current due to that, to what its
-# samples differ by from a smooth course, up to which the sum and not the current is in error: 0.6 to 1.0 in logs of the
-# current reference at 500 Hz, above 4 where a measured current has its own noise.
+# In a log that is slower than the speed loop, ratio of what the sum of the error misses per sample, were all that is
+# left of the current due to that, to what its samples differ by from a smooth course, up to which the sum and not the
+# current is in error: 0.6 to 1.0 in logs of the current reference at 500 Hz with coarse encoders, above 4 where a
+# measured current has its own noise. With fine encoders the cycles between the samples differ by more than rounding, so
+# that current references of speed control lie above 2 as well: their integral is in doubt, and their rows stay.
 WALK = 2.0
+# Periods of the speed loop beyond which a log lacks cycles of it: the digits of its times make no difference.
+SLOWER = 1.01
 # Share of the current limit above which samples are left out: there the law is cut off.
 LIMIT = 0.98
 # s over which a measured current and all that explains it are averaged: its noise is in the speed that the controller

@@ -105,6 +105,8 @@ class Record:
         Rms of what a sample of the controller's error differs by from a smooth course, in its unit.
     measured : bool
         Whether the current is a measured one, with a noise of its own, and not the controller's output.
+    slower : bool
+        Whether the log lacks cycles of the controller, so that the sum of its samples is not the controller's.
     """
 
     t: Array
@@ -117,6 +119,7 @@ class Record:
     mean: int = 1
     rounding: float = 0.0
     measured: bool = False
+    slower: bool = False
 
     @property
     def period(self) -> float:
@@ -166,7 +169,7 @@ def averaged(record: Record, width: int) -> Record:
         _means(record.t, width), _means(record.current, width), _means(record.columns, width),
         record.integral, {name: _means(values, width) for name, values in record.fed.items()},
         _means(record.used.astype(float), width) > 0.999, record.unsigned, width,
-        record.rounding / float(np.sqrt(width)), record.measured,
+        record.rounding / float(np.sqrt(width)), record.measured, record.slower,
     )  # fmt: skip
 
 

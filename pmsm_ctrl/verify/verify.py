@@ -157,7 +157,8 @@ def _record(design: Design, log: Log, channel: str, placed: bool) -> Record:
         raise LogError(f"the current is at its limit of {limit:g} A in the whole log; a slower motion is needed")
     fed = fed_currents(design, channels, read_speed(design, channels), period)
     return Record(log.t, current, columns, len(read), fed, used, _unsigned(design, channels, period),
-                  rounding=rounding_of(whole, period), measured=channel != "i_q_ref")  # fmt: skip
+                  rounding=rounding_of(whole, period), measured=channel != "i_q_ref",
+                  slower=period > policy.SLOWER * design.drive.speed_period)  # fmt: skip
 
 
 def _unsigned(design: Design, channels: Mapping[str, Array], period: float) -> Unsigned | None:
