@@ -139,7 +139,7 @@ def test_an_empty_frame_over_time_is_refused() -> None:
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame({"speed [rad/s]": np.zeros(0)}, index=pandas.DatetimeIndex([]))
     with pytest.raises(LogError):
-        Log.from_pandas(frame)
+        read_log(frame)
 
 
 def test_a_mapping_names_the_columns_of_a_frame() -> None:
