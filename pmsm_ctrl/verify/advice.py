@@ -42,9 +42,8 @@ def advice_of(found: Verification, missing: Sequence[str]) -> Verification:
         case Outcome.LIMIT_CYCLE:
             text = (f"Lower the gain at once: a limit cycle at rest of {found.after.cycle_frequency:.3g} Hz has begun; "
                     "`pmsm-ctrl compensate` finds the highest safe gain.")  # fmt: skip
-        case _ if {words.ROUNDED.code, words.BEFORE_NOT_TOLD.code} & {one.code for one in found.notices}:
-            text = ("Log the same motion again at the rate of the speed loop, and the current reference beside the "
-                    "measured current: these logs advise no factor.")  # fmt: skip
+        case _ if wanted := _wanted(found):
+            text = f"Log the same motion again {wanted}: these logs advise no factor."
         case _ if found.implausible:
             text = (f"Check how the drive forms its feedforward, and the unit of {', '.join(found.implausible)}; these "
                     "logs advise no factor.")  # fmt: skip
@@ -52,3 +51,13 @@ def advice_of(found: Verification, missing: Sequence[str]) -> Verification:
             text = ("Log the same motion again with several reversals and with position and speed references, and both "
                     "logs with the same controller gains.")  # fmt: skip
     return replace(found, advice=text)
+
+
+def _wanted(found: Verification) -> str:
+    """Return how to log so that the integrator's part is known; empty where it is not in doubt."""
+    said = {one.code for one in found.notices}
+    ways = ["at the rate of the speed loop"] if words.ROUNDED.code in said else []
+    # a drive that adds its feedforward behind the current reference has that in the log already
+    if words.BEFORE_NOT_TOLD.code in said and words.OTHER_CHANNEL.code not in said:
+        ways.append("with the current reference beside the measured current")
+    return " and ".join(ways)

@@ -16,7 +16,8 @@ HUNTED_BEFORE = Template(
 )
 BEFORE = Template(
     "verify_acts_before",
-    "the first log already contains {gain:.0%} of this feedforward: the gain stated is the difference of the two logs",
+    "the first log already contains this feedforward, with a gain of {gain:.2f}: the gain stated is the difference of "
+    "the two logs",
 )
 RETUNED = Template(
     "verify_retuned",
@@ -30,13 +31,13 @@ UNEXPLAINED = Template(
 )
 ROUNDED = Template(
     "verify_rounded_error",
-    "the logs hold the rounded error of the controller at {rate:.4g} Hz, and not every cycle of it: its integral is "
-    "not separable from the feedforward",
+    "the logs hold the error of the controller at {rate:.4g} Hz, and not in every cycle of the speed loop: its "
+    "integral is not separable from the feedforward",
 )
 BEFORE_NOT_TOLD = Template(
     "verify_before_not_told",
-    "by the measured current, {gain:.0%} of this feedforward is found in the first log already: it acts there, or it "
-    "is a part of the integrator; the gain stated is uncertain by as much",
+    "by the measured current, this feedforward is found in the first log already, with a gain of {gain:.2f}: it acts "
+    "there, or it is an error of the integrator's part; the gain stated is uncertain by as much",
 )
 NOT_TOLD = Template(
     "verify_part_not_told",

@@ -19,9 +19,12 @@ from pmsm_ctrl.compensate.motions import named_trial
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.simulate import Scenario, scenario
 from pmsm_ctrl.simulate.fed_forward import fed_currents
+from pmsm_ctrl.verify import notices as words
+from pmsm_ctrl.verify.advice import advice_of
 from pmsm_ctrl.verify.figures import added
 from pmsm_ctrl.verify.law import Law, fit_law
 from pmsm_ctrl.verify.record import Record, Sign
+from pmsm_ctrl.verify.result import Outcome
 from pmsm_ctrl.verify.rows import Rows
 from tests.effort import amount, slow
 from tests.unit.verify.downloads import WAYS, applied, logs_of, verified_design
@@ -247,6 +250,27 @@ def test_what_a_measured_current_finds_before_is_an_error_of_the_change(design: 
     assert low < 1.0 < high
     assert found.gain.stderr >= abs(found.before_gain.value)
     assert found.verdict.value in ("inconclusive", "applied")
+
+
+@pytest.mark.parametrize(
+    ("codes", "wanted"),
+    [
+        ("ROUNDED", "at the rate of the speed loop"),
+        ("BEFORE_NOT_TOLD", "with the current reference beside the measured current"),
+        ("ROUNDED BEFORE_NOT_TOLD OTHER_CHANNEL", "at the rate of the speed loop"),
+        ("ROUNDED BEFORE_NOT_TOLD",
+         "at the rate of the speed loop and with the current reference beside the measured current"),
+    ],
+)  # fmt: skip
+def test_what_to_log_is_what_was_missing(
+    design: Design, before: Log, after: Callable[[str], Log], codes: str, wanted: str
+) -> None:
+    """Fast logs of measured currents were to be logged at the rate of the speed loop."""
+    values = {"rate": 1000.0, "gain": -0.12}
+    said = tuple(getattr(words, code)(**(values if code != "OTHER_CHANNEL" else {})) for code in codes.split())
+    found = replace(verify(design, before, after("half")), verdict=Outcome.INCONCLUSIVE, notices=said)
+    assert advice_of(found, []).advice == f"Log the same motion again {wanted}: these logs advise no factor."
+    assert not any("-12%" in one.text for one in said)
 
 
 def test_the_integral_of_the_speed_is_the_angle_turned(designs: Path) -> None:
