@@ -130,6 +130,8 @@ def profile(
         stated = _grid(Place(rows.rough_delay(None)[0]), period, np.linspace(-1.5, 1.5, 31), apart)
         found |= _grown(left, near, lambda share: progress(0.5 + 0.25 * share))
         found |= _grown(left, stated, lambda share: progress(0.75 + 0.25 * share))
+    if rows.is_turned:  # differences of neighbours, rounded as they are, may not tell where to look
+        found |= _grown(left, _grid(Place(0.0), period, np.linspace(-1.5, 1.5, 31), apart), lambda share: None)
     places, lost = list(found), list(found.values())
     progress(1.0)
     held = [places[k] for k in left.like_the_least(np.array(lost))]

@@ -184,6 +184,18 @@ def test_a_coarse_encoder_in_a_slow_log_takes_nothing_off_the_gain(
     assert "verify_acts_before" not in [notice.code for notice in found.notices]
 
 
+@pytest.mark.parametrize("gain", [0.3, slow(0.7)])
+def test_rounded_samples_do_not_hide_a_feedforward_that_is_in_time(designs: Path, gain: float) -> None:
+    """A place 3 to 4 ms late was all that was looked at, where a feedforward of 0.3 was -0.31 +- 0.05: wrong sign."""
+    off = Design.read(designs / "servo_2kw.toml").replace(
+        sensor={"encoder_counts": 65536, "log_divider": 16}, compensation={"gain": 0.0, "source": "reference"}
+    )
+    logs = [simulate(off.replace(compensation={"gain": g}), "identification", seed=s) for g, s in ((0.0, 5), (gain, 6))]
+    found = verify(off.replace(compensation={"gain": 1.0}), *logs)
+    assert found.verdict.value == "wrong_gain"
+    assert found.interval[0] < gain < found.interval[1] < found.interval[0] + 0.06
+
+
 @pytest.mark.parametrize("channel", ["i_q_ref", "i_q"])
 def test_where_the_integral_is_not_known_no_factor_is_advised(designs: Path, channel: str) -> None:
     """The measured current of such a log has errors of both kinds: 0.02 +- 0.01 was found of 1."""
