@@ -121,15 +121,14 @@ def fit_law(before: Record, after: Record, progress: Callable[[float], None] = l
 
 
 def _turned(rows: Rows, place: Place) -> tuple[Rows, float]:
-    """Return rows whose error is in the right place, and how much of what is left may be due to the integral."""
+    """Return rows whose error is in the right place, and how much of what is left is due to rounded samples."""
     if not any(one.slower for one in rows.records):  # the logs hold every term of the controller's sum
         return rows, 0.0
     turned = rows.turned()
     walk, rounding = turned.walk_of_integral(turned.whitener(place), place), rows.records[1].rounding
     if walk <= policy.WALK * rounding and not rows.records[1].measured:
         return turned, 1.0
-    # the current reference has no noise of its own: all that is left is what the samples do not tell of the integral
-    return rows, min(1.0, (rounding / walk) ** 2) if rows.records[1].measured else 1.0
+    return rows, min(1.0, (rounding / walk) ** 2)
 
 
 def _doubted(rows: Rows, place: Place, found: Added, share: float) -> tuple[Added, float]:
@@ -145,6 +144,7 @@ def _doubted(rows: Rows, place: Place, found: Added, share: float) -> tuple[Adde
     by_part = len(found.names) > 2 or found.names[1] != "change"
     other = turned.gains(turned.whitener(place), [place], by_part=by_part)
     away = share * (other.value - found.value)
+    # a measured current has this error at any rate: `verify` knows it
     own = 0.0 if rows.records[1].measured else float(found.value[0]) ** 2
     more = np.outer(away, away) + own * np.eye(len(away))
     return replace(found, covariance=found.covariance + more), float(np.sqrt(more[1, 1]))

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 # Probability of the intervals of the gain, of its parts and of the delay.
 COVERAGE = 0.95
-# Share of the expected gain below which nothing was applied, and share by which a gain is wrong: compensators off by
-# 20 % still remove two thirds of the error (docs/compensation.md); a smaller deviation is worth a number, no verdict.
+# Share of the expected gain below which nothing was applied, and above which an error by the integral leaves a delay in
+# doubt as well; and share by which a gain is wrong: compensators off by 20 % still remove two thirds of the error
+# (docs/compensation.md); a smaller deviation is worth a number, no verdict.
 NOTHING, WRONG = 0.1, 0.15
 # Half of the interval of the gain, as a share of the expected one, above which the logs tell too little.
 VAGUE = 0.3

@@ -309,7 +309,7 @@ def _verdict(
     if abs(value - expected) > max(policy.WRONG * expected, half):
         return Outcome.INCONCLUSIVE if odd else Outcome.WRONG_GAIN
     if law.delay_low > max(policy.LATE, policy.LATE_PERIODS * period):
-        return Outcome.LATE
+        return Outcome.INCONCLUSIVE if law.rounded > policy.NOTHING * expected else Outcome.LATE
     return Outcome.APPLIED
 
 
@@ -357,7 +357,7 @@ def _of_integrator(law: Law, channel: str, expected: float, rate: float) -> list
     out: list[Notice] = []
     if channel != "i_q_ref" and abs(law.gain.value[0]) > policy.NOTHING * expected:
         out.append(words.BEFORE_NOT_TOLD(gain=float(law.gain.value[0])))
-    if not _quantile() * law.rounded < policy.VAGUE * expected:
+    if not law.rounded < policy.NOTHING * expected:
         out.append(words.ROUNDED(rate=rate))
     return out
 
