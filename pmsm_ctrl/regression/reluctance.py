@@ -75,7 +75,8 @@ def saliency_torque(record: Record) -> Array | None:
 
     It is evaluated with the inductances of a datasheet. At the most torque per ampere (T. M. Jahns, G. B. Kliman, T. W.
     Neumann, IEEE Trans. Ind. Appl. IA-22 (1986) 738) i_d grows with the square of i_q, and the error looks like a
-    saturation of the torque constant. None without saliency, and where no channel holds a current along d.
+    saturation of the torque constant. A part of it in proportion to i_q is one of that constant, and left out. None
+    without saliency, and where no channel holds a current along d.
 
     Parameters
     ----------
@@ -86,7 +87,9 @@ def saliency_torque(record: Record) -> Array | None:
         return None
     if "i_d" not in record.prepared.signals or not np.any(signals["i_d"]):
         return None
-    return np.asarray(torque_em.py_func(motor.p, 0.0, 1.0, 0.0, signals["i_d"], signals["i_q"]))
+    i_d, i_q = signals["i_d"], signals["i_q"]
+    usual = float(i_d @ i_q**2) / max(float(i_q @ i_q), 1e-300)
+    return np.asarray(torque_em.py_func(motor.p, 0.0, 1.0, 0.0, i_d - usual, i_q))
 
 
 def holds_ripple(log: Log) -> bool:

@@ -55,6 +55,14 @@ def test_there_is_none_without_saliency_or_of_an_i_q_alone() -> None:
     assert saliency_torque(make_record(design(), alone)) is None
 
 
+def test_there_is_none_of_a_constant_current_along_d() -> None:
+    """It makes as much of any torque: an inertia of a log with a load that the model lacks was 3 % off."""
+    log = moved(1)
+    load = saliency_torque(make_record(design(), log.with_channels(i_d=np.full(len(log), -4.0))))
+    assert load is not None
+    assert np.max(np.abs(load)) < 1e-9 * 1.5 * P * 4.0 * np.max(np.abs(log["i_q"]))
+
+
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_an_inductance_that_is_off_is_no_saturation(seed: int) -> None:
     """Saturations were named in four clean logs of salient motors at the most torque per ampere."""
