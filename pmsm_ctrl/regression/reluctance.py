@@ -39,8 +39,8 @@ def ripple_torques(record: Record) -> list[Array]:
     ----------
     record : Record
     """
-    motor, signals = record.design.motor, record.signals
-    if motor.p is None or motor.L_d is None or motor.L_q is None or motor.L_d == motor.L_q:
+    signals = record.signals
+    if _salient(record) is None:
         return []
     if "i_d" in record.prepared.signals and record.design.log.of("i_q").sampling == "instant":
         return []
@@ -60,14 +60,13 @@ def coupling_torque(record: Record) -> Array | None:
     ----------
     record : Record
     """
-    motor, signals = record.design.motor, record.signals
-    if motor.p is None or motor.L_d is None or motor.L_q is None or motor.L_d == motor.L_q:
+    signals, known = record.signals, _salient(record)
+    if known is None or "i_d" in record.prepared.signals:
         return None
-    if "i_d" in record.prepared.signals:
-        return None
+    p, L_d, L_q = known
     i_q = signals["torque"] / record.design.K_t_assumed
-    answer = record.rate_of(signals["omega"] * motor.L_q * i_q)
-    return -np.asarray(torque_em.py_func(motor.p, 0.0, motor.L_d, motor.L_q, answer, i_q))
+    answer = record.rate_of(signals["omega"] * L_q * i_q)
+    return -np.asarray(torque_em.py_func(p, 0.0, L_d, L_q, answer, i_q))
 
 
 def saliency_torque(record: Record) -> Array | None:
@@ -82,14 +81,12 @@ def saliency_torque(record: Record) -> Array | None:
     ----------
     record : Record
     """
-    motor, signals = record.design.motor, record.signals
-    if motor.p is None or motor.L_d is None or motor.L_q is None or motor.L_d == motor.L_q:
-        return None
-    if "i_d" not in record.prepared.signals or not np.any(signals["i_d"]):
+    signals, known = record.signals, _salient(record)
+    if known is None or "i_d" not in record.prepared.signals or not np.any(signals["i_d"]):
         return None
     i_d, i_q = signals["i_d"], signals["i_q"]
     usual = float(i_d @ i_q**2) / max(float(i_q @ i_q), 1e-300)
-    return np.asarray(torque_em.py_func(motor.p, 0.0, 1.0, 0.0, i_d - usual, i_q))
+    return np.asarray(torque_em.py_func(known[0], 0.0, 1.0, 0.0, i_d - usual, i_q))
 
 
 def holds_ripple(log: Log) -> bool:
@@ -129,14 +126,21 @@ def logged_ripple_torques(record: Record, log: Log) -> list[Array]:
     return [drag * speed * (1.0 - speed**2), drag * speed**3]
 
 
+def _salient(record: Record) -> tuple[float, float, float] | None:
+    """Return pole pairs, L_d and L_q, H, of a motor with L_d and L_q apart; None of any other."""
+    motor = record.design.motor
+    if motor.p is None or motor.L_d is None or motor.L_q is None or motor.L_d == motor.L_q:
+        return None
+    return motor.p, motor.L_d, motor.L_q
+
+
 def _largest(record: Record) -> float:
     """Load, N m, of a ripple as large as the largest current of the log, in either axis."""
-    motor = record.design.motor
-    assert motor.p is not None  # asked by `ripple_torques`
-    assert motor.L_d is not None
-    assert motor.L_q is not None
+    known = _salient(record)
+    assert known is not None  # asked by `ripple_torques`
+    p, L_d, L_q = known
     current = float(np.max(np.abs(record.target[0]), where=record.mask, initial=0.0)) / record.design.K_t_assumed
-    return -float(torque_em.py_func(motor.p, 0.0, motor.L_d, motor.L_q, current, current))
+    return -float(torque_em.py_func(p, 0.0, L_d, L_q, current, current))
 
 
 def _slow(record: Record, values: Array) -> Array:
