@@ -108,11 +108,11 @@ class Policy:
         four, a delay is named in one of 56 clean logs. The size that a shape carries must exceed zero by as many: of 27
         right names of presliding the smallest is 6, of four false ones three have 0.4 to 2.2.
     tolerance : float
-        Tolerance of a parameter for which the design states none, as a share. Hot copper, or a resistance measured
-        between two phases, is one and a half times or twice the design's.
+        Tolerance of a parameter that has no usual one, where the design states none, as a share. Hot copper, or a
+        resistance measured between two phases, is one and a half times or twice the design's.
     torque_constant : float
-        Tolerance of the torque constant, as a share, which scales every torque, where the design states none of psi_f.
-        It is less than a datasheet's.
+        Tolerance of a torque constant that the design assumes beside psi_f, as a share, which scales every torque. It
+        is less than a datasheet's.
     sound_weight : float
         Samples of less weight are not searched for structure, and do not count where the error with and without an
         effect is compared: edges of the torque are aliased. Set on: a speed sweep; a friction that is an offset at one

@@ -66,8 +66,11 @@ def test_what_is_left_is_the_noise_and_nothing_is_named(late: float, rate: float
 )  # fmt: skip
 @pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_a_torque_that_is_later_than_sampling_makes_it_is_a_delay(
-    delay: float, rate: float, verdict: str, seed: int
+    delay: float, rate: float, verdict: str, seed: int, request: pytest.FixtureRequest
 ) -> None:
+    if verdict == "inconclusive" and seed == 1:  # of one sine a filter may have made it
+        named = "a delay of 7.2 +- 0.1 ms is named for 6.6, where a filter is as likely"
+        request.applymarker(pytest.mark.xfail(strict=True, reason=named))
     on_time = prescribed(seed, 0.0, 0.0, rate, amount(8.0, 20.0))
     t, w = on_time.t, 2.0 * np.pi * FREQUENCY
     omega = TOP * np.sin(w * (t - delay))
@@ -79,10 +82,8 @@ def test_a_torque_that_is_later_than_sampling_makes_it_is_a_delay(
         assert abs(values[symbol].value - true) < 4.0 * values[symbol].stderr  # F_v takes up the delay otherwise
         assert values[symbol].stderr < 0.03 * true
     found = diagnose(DESIGN, log, plan=False)
-    # a filter may have made it in the slow log: with one of three seeds the delay has its name there, 9 % too long
-    unsure = verdict == "inconclusive" and seed == 1
-    assert str(found.verdict) == ("effects_missing" if unsure else verdict)
-    assert [step.effect for step in found.steps] == ["delay"] * (verdict == "effects_missing" or unsure)  # no bristle
+    assert str(found.verdict) == verdict
+    assert [step.effect for step in found.steps] == ["delay"] * (verdict == "effects_missing")  # and no bristle
     (said,) = (notice.text for notice in found.notices if notice.code == "not_synchronous")
     assert float(said.split("about ")[1].split(" ms")[0]) == pytest.approx(1e3 * delay, rel=0.01)
 
